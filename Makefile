@@ -1,0 +1,66 @@
+# Every target makes .venv and installs what it needs, once; see `make help`.
+
+PYTHON ?= python3
+# Passed to every pip install: an index with CPU-only builds of PyTorch, for example (see pytorch.org).
+PIP_ARGS ?=
+PYTEST_ARGS ?= -n 2 --dist worksteal
+DEMO_ARGS ?=
+BENCH_ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+# Modules are compiled on first import: of PyTorch's, most never are.
+PIP_INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt $(PIP_ARGS)
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: help demo test lint bench clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo    train MORAL in the Emergency world and show the result"
+	@echo "make test    run all tests, and those of moral-envs again where there is no PyTorch"
+	@echo "make lint    check style, types and the direction of imports"
+	@echo "make bench   reproduce the thesis's figures and tables; BENCH_ARGS picks some"
+	@echo "make clean   remove .venv and the tools' caches"
+	@echo "Variables: PYTHON (3.10 or newer, now $(PYTHON)), PIP_ARGS, DEMO_ARGS, PYTEST_ARGS, BENCH_ARGS."
+
+demo: $(VENV)/.runtime
+	$(BIN)/moral demo $(DEMO_ARGS)
+
+# One thread per worker: two workers with more would fight over the cores.
+test: export OMP_NUM_THREADS := 1
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	PIP_ARGS="$(PIP_ARGS)" tools/check_envs_alone.sh $(PYTEST_ARGS)
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(VENV)/.runtime
+	$(BIN)/python -m benchmarks $(BENCH_ARGS)
+
+clean:
+	rm -rf $(VENV) .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+
+$(VENV)/.created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || { \
+	  echo "PYTHON=$(PYTHON) is not Python 3.10 or newer; name one: make PYTHON=/path/to/python3" >&2; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)
+	@touch $@
+
+# Without build isolation the backend has the version that constraints.txt pins, and is installed once.
+$(VENV)/.runtime: $(VENV)/.created constraints.txt pyproject.toml envs/pyproject.toml algorithms/pyproject.toml
+	@echo "Installing moral-envs, moral-algorithms and what they need into $(VENV): PyTorch may take minutes"
+	@$(PIP_INSTALL) pip
+	@$(PIP_INSTALL) --group build
+	@$(PIP_INSTALL) --no-build-isolation -e envs -e algorithms
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.runtime
+	@echo "Installing the development tools into $(VENV)"
+	@$(PIP_INSTALL) --group test --group lint
+	@$(PIP_INSTALL) --no-deps --group peers
+	@touch $@

@@ -1,0 +1,177 @@
+"""The reward vector of a learner and the wrapper that scalarises it with replaceable weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from torch import nn
+
+from moral_algorithms.bridge.vec_env import EngineVecEnv, Transitions
+
+
+class RewardComponent(Protocol):
+    """One component of a reward vector, evaluated on a whole batch of transitions."""
+
+    name: str
+
+    def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
+        """Rewards of shape (n,) for a batch of n transitions."""
+        ...
+
+
+class PrimaryReward:
+    """A component read from the environment's own reward vector, times a constant.
+
+    Parameters
+    ----------
+    world_reward_names
+        The names of the environment's reward vector.
+    name
+        Which of them.
+    scale
+        What it is multiplied with, for instance one over the return of a policy that pursues it alone (eq. 5.2).
+    """
+
+    def __init__(self, world_reward_names: Sequence[str], name: str, scale: float = 1.0) -> None:
+        if name not in world_reward_names:
+            raise ValueError(f"reward component is {name!r}; it must be one of {tuple(world_reward_names)}")
+        self.name = name
+        self.scale = scale
+        self._index = list(world_reward_names).index(name)
+
+    def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
+        """Rewards of shape (n,)."""
+        rewards: NDArray[np.float32] = transitions.vector_rewards[:, self._index] * np.float32(self.scale)
+        return rewards
+
+
+class LearnedReward:
+    """A component computed by a reward network on (s, s'), times a constant.
+
+    Parameters
+    ----------
+    name
+        Its name in the reward vector.
+    network
+        Maps two batches of states (n, C, H, W) to rewards (n,).
+    scale
+        What it is multiplied with, for instance one over the imitation policy's return (eq. 5.2).
+    """
+
+    def __init__(self, name: str, network: nn.Module, scale: float = 1.0) -> None:
+        self.name = name
+        self.network = network
+        self.scale = scale
+        self._device = next(network.parameters()).device
+
+    def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
+        """Rewards of shape (n,)."""
+        with torch.no_grad():
+            rewards = self.network(
+                torch.from_numpy(transitions.observations).to(self._device),
+                torch.from_numpy(transitions.next_observations).to(self._device),
+            )
+        array: NDArray[np.float32] = rewards.cpu().numpy() * np.float32(self.scale)
+        return array
+
+
+def require_weights(weights: ArrayLike, names: Sequence[str]) -> NDArray[np.float32]:
+    """Scalarisation weights as float32 of shape (k,), checked.
+
+    Raises
+    ------
+    ValueError
+        If there is not one finite, non-negative weight per component, or all are zero.
+    """
+    array = np.asarray(weights, dtype=np.float32)
+    if array.shape != (len(names),):
+        raise ValueError(f"weights are {array.tolist()}; there must be {len(names)}, one for each of {tuple(names)}")
+    if not np.isfinite(array).all() or (array < 0).any() or not array.any():
+        raise ValueError(f"weights are {array.tolist()}; they must be finite and not negative, and not all zero")
+    return array
+
+
+class ScalarisedRewards(VecEnvWrapper):
+    """Replaces the reward by ``weights @ components(s, a, s')``.
+
+    Parameters
+    ----------
+    venv
+        The environments.
+    components
+        The reward vector, one component per weight.
+    weights
+        Scalarisation weights, shape (d,), not negative.
+
+    Attributes
+    ----------
+    weights : float32 array of shape (d,)
+        Used from the next step on; set it to scalarise differently.
+    rewards : float32 array of shape (n, d)
+        The components at the last step.
+    returns : float32 array of shape (n, d)
+        Undiscounted returns of the current episodes, the last step included.
+    """
+
+    venv: EngineVecEnv
+
+    def __init__(self, venv: EngineVecEnv, components: Sequence[RewardComponent], weights: ArrayLike) -> None:
+        super().__init__(venv)
+        self.components = tuple(components)
+        self.weights = weights
+        self.rewards = np.zeros((self.num_envs, len(self.components)), dtype=np.float32)
+        self.returns = np.zeros_like(self.rewards)
+        self._dones = np.zeros(self.num_envs, dtype=np.bool_)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the components."""
+        return tuple(component.name for component in self.components)
+
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        return self._weights.copy()
+
+    @weights.setter
+    def weights(self, weights: ArrayLike) -> None:
+        self._weights = require_weights(weights, self.names)
+
+    def reset(self) -> NDArray[np.uint8]:
+        """Start new episodes everywhere."""
+        self.returns[:] = 0
+        self._dones[:] = False
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Take the step; ``infos[i]["returns"]`` of an ended episode holds its vector return, shape (d,)."""
+        observations, _, dones, infos = self.venv.step_wait()
+        transitions = self.venv.transitions
+        assert transitions is not None
+        for column, component in enumerate(self.components):
+            self.rewards[:, column] = component(transitions)
+        self.returns[self._dones] = 0
+        self.returns += self.rewards
+        self._dones = dones
+        for row in dones.nonzero()[0]:
+            infos[row]["returns"] = self.returns[row].copy()
+        return observations, self.rewards @ self._weights, dones, infos
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """The state of environments and running returns, for an exact continuation."""
+        own = {"returns": self.returns.copy(), "dones": self._dones.copy(), "weights": self._weights.copy()}
+        return {**{f"venv.{name}": value for name, value in self.venv.state_dict().items()}, **own}
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
+        """Continue from a state; returns the observations that belong to it."""
+        self.returns = state["returns"].copy()
+        self._dones = state["dones"].copy()
+        self.weights = state["weights"]
+        prefix = "venv."
+        inner = {name[len(prefix) :]: value for name, value in state.items() if name.startswith(prefix)}
+        return self.venv.load_state_dict(inner)

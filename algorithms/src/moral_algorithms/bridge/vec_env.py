@@ -1,0 +1,185 @@
+"""The engine as a Stable-Baselines3 ``VecEnv``, without a loop over environments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from moral_envs.engine import Engine
+from moral_envs.streams import spawn_streams
+from moral_envs.world import NUM_ACTIONS, World
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+
+class Transitions(NamedTuple):
+    """A batch of transitions (s, a, s') of one step, one row per agent of every environment."""
+
+    observations: NDArray[np.uint8]
+    """Shape (n, C, H, W)."""
+    actions: NDArray[np.int64]
+    """Shape (n,)."""
+    next_observations: NDArray[np.uint8]
+    """Shape (n, C, H, W): the true next observations, also where the episode ended."""
+    vector_rewards: NDArray[np.float32]
+    """The environment's own reward vectors, shape (n, k)."""
+
+
+class Replay(NamedTuple):
+    """An episode in as few bytes as it takes to play it again, in the same world with as many agents."""
+
+    stream: int
+    """State of the environment's random stream before the reset."""
+    actions: NDArray[np.uint8]
+    """Shape (T, n_agents)."""
+
+    def to_json(self) -> dict[str, str]:
+        """The stream in hexadecimal; the actions as one digit each, agents of a step side by side."""
+        return {"stream": f"{self.stream:016x}", "actions": "".join(map(str, self.actions.ravel().tolist()))}
+
+    @classmethod
+    def from_json(cls, value: dict[str, str], num_agents: int = 1) -> Replay:
+        """The episode that :meth:`to_json` wrote."""
+        digits = np.array([int(digit) for digit in value["actions"]], dtype=np.uint8)
+        return cls(int(value["stream"], 16), digits.reshape(-1, num_agents))
+
+
+class EngineVecEnv(VecEnv):
+    """A batch of environments for Stable-Baselines3, each agent one of its environments.
+
+    Its scalar reward is the plain sum of the reward vector; :class:`~moral_algorithms.bridge.ScalarisedRewards`
+    puts weights in its place. Every info has a ``vector_reward``, float32 of shape (k,). The horizon is a
+    truncation: the info of an ended episode also carries ``terminal_observation`` and ``TimeLimit.truncated``, so
+    that value estimates bootstrap there, the final ``objectives`` and a ``replay`` (:class:`Replay`).
+
+    Parameters
+    ----------
+    world
+        The rules.
+    num_envs
+        Environments in the batch.
+    num_agents
+        Agents per environment, who share the policy; rows are environment-major.
+    team_reward
+        Pay every agent the sum over all agents.
+    seed
+        Entropy of the environments' random streams; None takes it from the operating system.
+
+    Attributes
+    ----------
+    transitions : Transitions or None
+        The last step, for wrappers that compute rewards on the whole batch.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        num_envs: int,
+        num_agents: int = 1,
+        team_reward: bool = False,
+        seed: int | None = None,
+    ) -> None:
+        self.engine = Engine(world, num_envs, num_agents, team_reward)
+        self.engine.seed(spawn_streams(seed, num_envs))
+        self.render_mode = None
+        observation_space = spaces.Box(0, 1, shape=self.engine.observation_shape, dtype=np.uint8)
+        super().__init__(num_envs * num_agents, observation_space, spaces.Discrete(NUM_ACTIONS))
+        self.transitions: Transitions | None = None
+        self._actions = np.zeros((num_envs, num_agents), dtype=np.int64)
+        self._history = np.zeros((world.horizon, num_envs, num_agents), dtype=np.uint8)
+        self._starts = self.engine.streams.copy()
+        self.engine.reset()
+        self._observations = self._observe()
+
+    @property
+    def world(self) -> World:
+        """The rules."""
+        return self.engine.world
+
+    def reset(self) -> NDArray[np.uint8]:
+        """Start new episodes everywhere; ``seed(s)`` before it chooses the random streams."""
+        if self._seeds[0] is not None:
+            self.engine.seed(spawn_streams(self._seeds[0], self.engine.num_envs))
+        self._reset_seeds()
+        self._reset_options()
+        self._starts = self.engine.streams.copy()
+        self.engine.reset()
+        self.transitions = None
+        self._observations = self._observe()
+        return self._observations.copy()
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep the actions, shape (n,), for ``step_wait``."""
+        self._actions = actions.astype(np.int64).reshape(self.engine.num_envs, self.engine.num_agents)
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Take the step: observations (n, C, H, W), rewards (n,), dones (n,) and one info per row."""
+        before, actions = self._observations, self._actions.reshape(-1)
+        self._history[self.engine.elapsed, np.arange(self.engine.num_envs)] = self._actions
+        step = self.engine.step(self._actions)
+        vector_rewards = step.rewards.reshape(self.num_envs, -1)
+        after = self._observe()
+        self.transitions = Transitions(before, actions, after, vector_rewards)
+        infos: list[dict[str, Any]] = [{"vector_reward": row} for row in vector_rewards.copy()]
+        dones = np.repeat(step.truncations, self.engine.num_agents)
+        self._observations = after
+        if step.any_truncation:
+            objectives = self.engine.objectives.reshape(self.num_envs, -1)
+            for row in dones.nonzero()[0]:
+                env = row // self.engine.num_agents
+                infos[row]["objectives"] = objectives[row]
+                infos[row]["replay"] = Replay(int(self._starts[env]), self._history[:, env].copy())
+                infos[row]["terminal_observation"] = after[row].copy()
+                infos[row]["TimeLimit.truncated"] = True
+            self._starts = np.where(step.truncations, self.engine.streams, self._starts)
+            self.engine.reset(step.truncations)
+            self._observations = self._observe()
+        return self._observations.copy(), vector_rewards.sum(axis=1), dones, infos
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """The state of the engine and of the replays, for an exact continuation."""
+        own = {"starts": self._starts.copy(), "history": self._history.copy()}
+        return {**{f"engine.{name}": value for name, value in self.engine.state_dict().items()}, **own}
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
+        """Continue from a state; returns the observations that belong to it."""
+        prefix = "engine."
+        engine = {name[len(prefix) :]: value for name, value in state.items() if name.startswith(prefix)}
+        self.engine.load_state_dict(engine)
+        self._starts, self._history = state["starts"].copy(), state["history"].copy()
+        self._observations = self._observe()
+        return self._observations.copy()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """The same attribute for every row: rows share one engine."""
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Rows share one engine, so attributes cannot be set for some of them."""
+        raise NotImplementedError("the rows of an EngineVecEnv share one engine; set its attributes directly")
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Rows share one engine, so methods cannot be called for some of them."""
+        raise NotImplementedError("the rows of an EngineVecEnv share one engine; call its methods directly")
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """No row is wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """No pictures: see ``moral watch`` for episodes of a trained policy."""
+        return [None] * self.num_envs
+
+    def _observe(self) -> NDArray[np.uint8]:
+        return self.engine.observe().reshape(self.num_envs, *self.engine.observation_shape)

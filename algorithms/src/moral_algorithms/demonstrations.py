@@ -1,0 +1,140 @@
+"""Demonstrations: whole episodes of an expert, in a plain file.
+
+File format, version 1
+----------------------
+A NumPy ``.npz`` archive without pickled objects, with these arrays:
+
+==================  ======  ======================  =====================================================
+name                dtype   shape                   content
+==================  ======  ======================  =====================================================
+``header``          uint8   (bytes,)                UTF-8 JSON: ``format``, ``version``, ``world``
+``states``          uint8   (n, T + 1, C, H, W)     0/1 planes, the start and the state after each step 
+``actions``         uint8   (n, T)                  action taken in each state but the last
+``objectives``      int64   (n, m)                  ground-truth counters at the end, for reference only
+==================  ======  ======================  =====================================================
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from moral_envs.engine import Engine
+from moral_envs.world import NUM_ACTIONS
+from numpy.typing import NDArray
+
+from moral_algorithms.storage import StorageError, atomic_write
+from moral_algorithms.worlds import WorldSpec
+
+FORMAT = "moral-demonstrations"
+VERSION = 1
+_ARRAYS = ("header", "states", "actions", "objectives")
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """Episodes of one expert in one world.
+
+    Parameters
+    ----------
+    world
+        Where they were played.
+    states
+        uint8 0/1 planes of shape (n, T + 1, C, H, W).
+    actions
+        uint8 of shape (n, T).
+    objectives
+        int64 of shape (n, m): counters at the end of each episode. No learner looks at them.
+
+    Raises
+    ------
+    ValueError
+        If a shape or dtype does not fit the world, there is no episode, or a value is out of range.
+    """
+
+    world: WorldSpec
+    states: NDArray[np.uint8]
+    actions: NDArray[np.uint8]
+    objectives: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        world = self.world.build()
+        if self.actions.ndim != 2 or len(self.actions) == 0:
+            raise ValueError(f"actions have shape {self.actions.shape}; they must be (episodes, steps), at least one")
+        episodes = len(self.actions)
+        wanted: dict[str, tuple[tuple[int, ...], type]] = {
+            "states": ((episodes, world.horizon + 1, *Engine(world).observation_shape), np.uint8),
+            "actions": ((episodes, world.horizon), np.uint8),
+            "objectives": ((episodes, len(world.objective_names)), np.int64),
+        }
+        for name, (shape, dtype) in wanted.items():
+            array = getattr(self, name)
+            if array.shape != shape or array.dtype != dtype:
+                raise ValueError(
+                    f"{name} are {array.dtype} {array.shape}; in {self.world.name} they must be "
+                    f"{np.dtype(dtype)} {shape}"
+                )
+        if self.states.max() > 1:
+            raise ValueError(f"states contain {self.states.max()}; planes hold 0 and 1")
+        if self.actions.max() >= NUM_ACTIONS:
+            raise ValueError(f"actions contain {self.actions.max()}; an action is 0 to {NUM_ACTIONS - 1}")
+
+    @property
+    def num_episodes(self) -> int:
+        """Number of episodes n."""
+        return len(self.actions)
+
+    def save(self, path: Path) -> None:
+        """Write the file; see the module's documentation for its format."""
+        header = {"format": FORMAT, "version": VERSION, "world": self.world.to_json()}
+        with atomic_write(path) as file:
+            np.savez_compressed(
+                file,
+                header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8),
+                states=self.states,
+                actions=self.actions,
+                objectives=self.objectives,
+            )
+
+    @classmethod
+    def load(cls, path: Path, world: WorldSpec | None = None) -> Demonstrations:
+        """Read and check a file.
+
+        Parameters
+        ----------
+        path
+            The file.
+        world
+            The world that it must be of; None takes any.
+
+        Raises
+        ------
+        StorageError
+            If it is missing, truncated, of another format, version or world, or holds Python objects.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                missing = [name for name in _ARRAYS if name not in archive]
+                if missing:
+                    raise StorageError(f"{path} has no array {missing[0]!r}; it is no demonstration file")
+                arrays = {name: archive[name] for name in _ARRAYS}
+            header = json.loads(arrays["header"].tobytes())
+            if not isinstance(header, dict) or header.get("format") != FORMAT:
+                raise StorageError(f"{path} is no demonstration file")
+            if header.get("version") != VERSION:
+                raise StorageError(f"{path} has version {header.get('version')!r}; this release reads {VERSION}")
+            found = WorldSpec.from_json(header.get("world"))
+            demonstrations = cls(found, arrays["states"], arrays["actions"], arrays["objectives"])
+        except StorageError:
+            raise
+        except FileNotFoundError as error:
+            raise StorageError(f"there is no demonstration file {path}") from error
+        except (OSError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise StorageError(f"{path} is damaged or no demonstration file: {reason}") from error
+        if world is not None and found != world:
+            raise StorageError(f"{path} was demonstrated in {found.to_json()}; it must be {world.to_json()}")
+        return demonstrations

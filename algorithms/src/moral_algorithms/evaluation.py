@@ -1,0 +1,83 @@
+"""Playing whole episodes with a policy."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from moral_envs.engine import Engine
+from moral_envs.streams import spawn_streams
+from moral_envs.world import World
+from numpy.typing import NDArray
+
+
+class Policy(Protocol):
+    """What an episode is played with; every policy of Stable-Baselines3 is one."""
+
+    def predict(
+        self, observation: NDArray[np.uint8], *, deterministic: bool = False
+    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
+        """Actions (n,) for observations (n, C, H, W)."""
+        ...
+
+
+class RandomPolicy:
+    """Chooses every action with the same probability."""
+
+    def __init__(self, num_actions: int, rng: np.random.Generator) -> None:
+        self._num_actions = num_actions
+        self._rng = rng
+
+    def predict(
+        self, observation: NDArray[np.uint8], *, deterministic: bool = False
+    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
+        """Actions (n,) for observations (n, C, H, W)."""
+        return self._rng.integers(self._num_actions, size=len(observation)), None
+
+
+class Episodes(NamedTuple):
+    """Whole episodes, played side by side."""
+
+    states: NDArray[np.uint8]
+    """Shape (n, T + 1, C, H, W), the start and the state after each step."""
+    actions: NDArray[np.uint8]
+    """Shape (n, T)."""
+    returns: NDArray[np.float64]
+    """Undiscounted returns of the environment's reward vector, shape (n, k)."""
+    objectives: NDArray[np.int64]
+    """Ground-truth counters at the end, shape (n, m)."""
+
+
+def play_episodes(
+    policy: Policy, world: World, num_episodes: int, seed: int, deterministic: bool = False
+) -> Episodes:
+    """Play one episode from each of ``num_episodes`` seeded starts.
+
+    Parameters
+    ----------
+    policy
+        Chooses the actions.
+    world
+        The rules.
+    num_episodes
+        Number of episodes n.
+    seed
+        Entropy of the starts; the same seed gives the same starts to every policy.
+    deterministic
+        Take the likeliest action instead of sampling.
+    """
+    if num_episodes < 1:
+        raise ValueError(f"episodes is {num_episodes}; it must be at least 1")
+    engine = Engine(world, num_episodes)
+    engine.seed(spawn_streams(seed, num_episodes))
+    engine.reset()
+    states = np.empty((num_episodes, world.horizon + 1, *engine.observation_shape), dtype=np.uint8)
+    actions = np.empty((num_episodes, world.horizon), dtype=np.uint8)
+    returns = np.zeros((num_episodes, len(world.reward_names)))
+    states[:, 0] = engine.observe()[:, 0]
+    for step in range(world.horizon):
+        chosen = np.asarray(policy.predict(states[:, step], deterministic=deterministic)[0], dtype=np.int64)
+        actions[:, step] = chosen
+        returns += engine.step(chosen[:, None]).rewards[:, 0]
+        states[:, step + 1] = engine.observe()[:, 0]
+    return Episodes(states, actions, returns, engine.objectives[:, 0])

@@ -1,0 +1,113 @@
+"""The expert: PPO on the world's own rewards under given weights, until it stops improving."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import ActorCriticPolicy
+
+from moral_algorithms.bridge import EngineVecEnv, PrimaryReward, ScalarisedRewards
+from moral_algorithms.bridge.reward_vector import require_weights
+from moral_algorithms.learners.ppo import OnProgress, PPOConfig, learn, make_ppo, standard_callbacks
+from moral_algorithms.worlds import WorldSpec
+
+
+@dataclass(frozen=True)
+class ExpertConfig:
+    """How an expert is trained."""
+
+    max_steps: int = 300_000
+    """Environment steps after which training ends in any case."""
+    window: int = 40_000
+    """Environment steps over which returns are averaged to see whether they still grow."""
+    patience: int = 2
+    """Windows without a better mean return after which training ends."""
+    tolerance: float = 0.005
+    """What counts as better: this fraction of the best mean return."""
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+    """Hyperparameters of PPO."""
+
+
+class Expert(NamedTuple):
+    """A trained expert."""
+
+    policy: ActorCriticPolicy
+    """Its policy, which keeps some randomness, as people do."""
+    env_steps: int
+    """Environment steps it took."""
+
+
+def train_expert(
+    world: WorldSpec,
+    weights: ArrayLike,
+    config: ExpertConfig,
+    seed: int,
+    device: str = "cpu",
+    tensorboard: Path | None = None,
+    on_progress: OnProgress | None = None,
+) -> Expert:
+    """Train an expert.
+
+    Parameters
+    ----------
+    world
+        Where it acts.
+    weights
+        Weights of the world's own reward vector, shape (k,), not negative.
+    config
+        How it is trained.
+    seed
+        Entropy of environments, networks and actions.
+    device
+        Where networks live.
+    tensorboard
+        Folder for TensorBoard's event files.
+    on_progress
+        Called after every rollout.
+
+    Raises
+    ------
+    ValueError
+        If the weights do not fit the world.
+    """
+    built = world.build()
+    weights = require_weights(weights, built.reward_names)
+    components = [PrimaryReward(built.reward_names, name) for name in built.reward_names]
+    venv = ScalarisedRewards(EngineVecEnv(built, config.ppo.num_envs, seed=seed), components, weights)
+    model = make_ppo(config.ppo, venv, seed, device, tensorboard)
+    standard = standard_callbacks(config.ppo, config.max_steps, built.objective_names, on_progress)
+    learn(model, config.max_steps, [*standard, StopWhenConverged(weights, config)])
+    return Expert(model.policy, model.num_timesteps)
+
+
+class StopWhenConverged(BaseCallback):
+    """Ends training when the mean return has stopped growing."""
+
+    def __init__(self, weights: NDArray[np.float32], config: ExpertConfig) -> None:
+        super().__init__()
+        self._weights = weights
+        self._config = config
+        self._returns: list[float] = []
+        self._window_end = config.window
+        self._best = -np.inf
+        self._windows_without = 0
+
+    def _on_step(self) -> bool:
+        if self.locals["dones"].any():
+            self._returns += [float(i["returns"] @ self._weights) for i in self.locals["infos"] if "returns" in i]
+        if self.num_timesteps < self._window_end or not self._returns:
+            return True
+        self._window_end = self.num_timesteps + self._config.window
+        mean = float(np.mean(self._returns))
+        self._returns = []
+        if mean > self._best + self._config.tolerance * abs(self._best) or not np.isfinite(self._best):
+            self._best = mean
+            self._windows_without = 0
+        else:
+            self._windows_without += 1
+        return self._windows_without < self._config.patience

@@ -1,0 +1,333 @@
+"""MORAL: train under weights that are learned from pairwise preferences meanwhile (thesis, algorithms 1 and 5).
+
+The reward vector holds primary components, read from the environment, and learned ones, one per expert. PPO trains
+under the posterior mean of the weights. At even intervals the most informative of many random pairs of recent
+on-policy episodes is shown to the teacher; the answer updates the posterior, the weights are replaced, and training
+goes on.
+
+An answer is on the disk before it counts, and a checkpoint follows it. After a crash training goes on from the last
+checkpoint; queries that were answered since are not asked again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import ActorCriticPolicy
+
+from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards
+from moral_algorithms.learners.ppo import (
+    ObjectiveMonitor,
+    OnProgress,
+    PPOConfig,
+    learn,
+    load_ppo_state,
+    make_ppo,
+    ppo_state,
+    standard_callbacks,
+)
+from moral_algorithms.preferences import (
+    ACQUISITIONS,
+    SAMPLERS,
+    BallPrior,
+    BradleyTerry,
+    ExponentialProxy,
+    Likelihood,
+    Posterior,
+    Preference,
+    Prior,
+    Query,
+    RationalityPrior,
+    Teacher,
+)
+from moral_algorithms.run_directory import RunDirectory, append_line, read_lines
+from moral_algorithms.storage import StorageError, read_tensors, write_tensors
+from moral_algorithms.worlds import WorldSpec
+
+PRIORS: dict[str, type[RationalityPrior] | type[BallPrior]] = {"rationality": RationalityPrior, "ball": BallPrior}
+"""Priors over the weights, by name."""
+
+LIKELIHOODS: dict[str, type[BradleyTerry] | type[ExponentialProxy]] = {
+    "bradley_terry": BradleyTerry,
+    "exponential": ExponentialProxy,
+}
+"""Likelihoods of a preference, by name."""
+
+# With the ball prior the scale of the likelihood is fixed: on returns of order one it must be sharp.
+_FIXED_RATIONALITY = 20.0
+
+
+@dataclass(frozen=True)
+class MoralConfig:
+    """How MORAL trains and asks."""
+
+    steps: int = 800_000
+    """Environment steps."""
+    queries: int = 25
+    """Questions to the teacher."""
+    query_span: float = 0.75
+    """Part of the training over which the queries are spread evenly; the rest goes to the final weights."""
+    candidates: int = 2000
+    """Random pairs of recent episodes from which each query is chosen."""
+    acquisition: str = "mutual_information"
+    """How: mutual_information, volume_removal, expected_regret or random."""
+    prior: str = "rationality"
+    """Prior over the weights: rationality (infers the teacher's) or ball (thesis eq. 4.4)."""
+    likelihood: str = "bradley_terry"
+    """Likelihood of an answer: bradley_terry (eq. 4.1) or exponential (eq. 4.12)."""
+    sampler: str = "hit_and_run"
+    """Sampler of the posterior: hit_and_run or metropolis (thesis)."""
+    samples: int = 1000
+    """Samples of the posterior."""
+    checkpoint_every: int = 20
+    """Rollouts between checkpoints after the last query; before, every answer is followed by one."""
+    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.05, entropy_end=0.0))
+    """Hyperparameters of PPO."""
+
+    def __post_init__(self) -> None:
+        for name, minimum in (("steps", 1), ("queries", 0), ("candidates", 1), ("checkpoint_every", 1)):
+            if getattr(self, name) < minimum:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least {minimum}")
+        if not 0 < self.query_span <= 1:
+            raise ValueError(f"query_span is {self.query_span}; it must be above 0 and at most 1")
+        choices: dict[str, Sequence[str]] = {
+            "acquisition": sorted(ACQUISITIONS),
+            "prior": sorted(PRIORS),
+            "likelihood": sorted(LIKELIHOODS),
+            "sampler": sorted(SAMPLERS),
+        }
+        for name, known in choices.items():
+            if getattr(self, name) not in known:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; it must be one of {known}")
+
+
+class AlignedAgent(NamedTuple):
+    """What MORAL found."""
+
+    policy: ActorCriticPolicy
+    """The trained policy."""
+    weights: NDArray[np.float64]
+    """Posterior mean of the scalarisation weights, shape (d,)."""
+    env_steps: int
+    """Environment steps it took."""
+
+
+def train_moral(
+    world: WorldSpec,
+    components: Sequence[RewardComponent],
+    teacher: Teacher,
+    config: MoralConfig,
+    seed: int,
+    directory: RunDirectory,
+    device: str = "cpu",
+    tensorboard: Path | None = None,
+    on_progress: OnProgress | None = None,
+) -> AlignedAgent:
+    """Train an agent, from the start or from the last checkpoint in the run directory.
+
+    Parameters
+    ----------
+    world
+        Where it acts.
+    components
+        The reward vector, normalised so that the return of a policy that pursues one component alone is about one.
+    teacher
+        Answers the queries.
+    config
+        How it trains and asks.
+    seed
+        Entropy of environments, networks, actions, candidates and posterior samples.
+    directory
+        Where queries, metrics and checkpoints go; the caller holds it.
+    device
+        Where networks live.
+    tensorboard
+        Folder for TensorBoard's event files.
+    on_progress
+        Called after every rollout.
+
+    Raises
+    ------
+    StorageError
+        If something cannot be written, or what is to be continued is damaged.
+    """
+    built = world.build()
+    engine = EngineVecEnv(built, config.ppo.num_envs, seed=seed)
+    posterior = make_posterior(config, len(components), np.random.default_rng(seed))
+    venv = ScalarisedRewards(engine, components, posterior.weights())
+    model = make_ppo(config.ppo, venv, seed, device, tensorboard)
+    standard = standard_callbacks(config.ppo, config.steps, built.objective_names, on_progress)
+    monitor = next(callback for callback in standard if isinstance(callback, ObjectiveMonitor))
+    learner = PreferenceLearner(venv, posterior, teacher, config, seed, directory, monitor)
+    learner.restore(model)
+    learn(model, config.steps, [*standard, learner])
+    learner.save(model)
+    return AlignedAgent(model.policy, posterior.weights(), model.num_timesteps)
+
+
+def make_posterior(config: MoralConfig, dim: int, rng: np.random.Generator) -> Posterior:
+    """The posterior that a configuration asks for, before any answer."""
+    prior: Prior = PRIORS[config.prior](dim)
+    rationality = _FIXED_RATIONALITY if config.prior == "ball" else 1.0
+    likelihood: Likelihood = LIKELIHOODS[config.likelihood](rationality)
+    return Posterior(prior, likelihood, SAMPLERS[config.sampler], num_samples=config.samples, rng=rng)
+
+
+class PreferenceLearner(BaseCallback):
+    """Chooses queries, asks the teacher, updates the posterior and replaces the weights.
+
+    It acts between rollouts, where training can be saved and continued exactly.
+
+    Parameters
+    ----------
+    venv
+        The environments whose weights it replaces.
+    posterior
+        What it knows of the weights.
+    teacher
+        Answers the queries.
+    config
+        How many queries, when, and how they are chosen.
+    seed
+        Entropy of the candidates.
+    directory
+        Where it writes.
+    monitor
+        Told how many queries are answered.
+    """
+
+    def __init__(
+        self,
+        venv: ScalarisedRewards,
+        posterior: Posterior,
+        teacher: Teacher,
+        config: MoralConfig,
+        seed: int,
+        directory: RunDirectory,
+        monitor: ObjectiveMonitor,
+    ) -> None:
+        super().__init__()
+        self._venv = venv
+        self._posterior = posterior
+        self._teacher = teacher
+        self._config = config
+        self._directory = directory
+        self._monitor = monitor
+        self._rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0])
+        self._episodes: list[dict[str, Any]] = []
+        self._answered: list[dict[str, Any]] = []
+        self._rollouts = 0
+
+    def restore(self, model: PPO) -> None:
+        """Go on from the last checkpoint, if there is one, and from the queries answered since."""
+        self._answered = read_lines(self._directory.queries)
+        if not self._directory.checkpoint.exists():
+            return
+        arrays, metadata = read_tensors(self._directory.checkpoint, "moral-checkpoint")
+        try:
+            load_ppo_state(model, arrays, metadata["ppo"])
+            posterior = metadata["posterior"]
+            self._posterior.load_state_dict(
+                {**posterior, "returns": arrays["posterior.returns"], "samples": arrays["posterior.samples"]}
+            )
+            self._rng.bit_generator.state = metadata["candidates"]
+            self._teacher.load_state_dict(metadata["teacher"])
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise StorageError(f"{self._directory.checkpoint} does not fit this run: {error}") from error
+        self._monitor.queries = self._posterior.num_queries
+
+    def save(self, model: PPO) -> None:
+        """Write a checkpoint."""
+        arrays, ppo = ppo_state(model)
+        posterior = self._posterior.state_dict()
+        arrays["posterior.returns"] = posterior.pop("returns")
+        arrays["posterior.samples"] = posterior.pop("samples")
+        metadata = {
+            "kind": "moral-checkpoint",
+            "ppo": ppo,
+            "posterior": posterior,
+            "candidates": self._rng.bit_generator.state,
+            "teacher": self._teacher.state_dict(),
+        }
+        write_tensors(self._directory.checkpoint, arrays, metadata)
+
+    def _on_step(self) -> bool:
+        if self.locals["dones"].any():
+            self._episodes += [info for info in self.locals["infos"] if "returns" in info]
+        return True
+
+    def _on_rollout_start(self) -> None:
+        assert isinstance(self.model, PPO)
+        due = self._posterior.num_queries < self._config.queries and self.num_timesteps >= self._next_query_step()
+        if due and len(self._episodes) > 1:
+            self._ask()
+            self.save(self.model)
+        elif self._posterior.num_queries == self._config.queries:
+            self._rollouts += 1
+            if self._rollouts % self._config.checkpoint_every == 0:
+                self.save(self.model)
+
+    def _on_rollout_end(self) -> None:
+        weights = dict(zip(self._venv.names, self._venv.weights.tolist(), strict=True))
+        for name, weight in weights.items():
+            self.logger.record(f"weights/{name}", weight)
+        line = {
+            "env_steps": self.num_timesteps,
+            "queries": self._posterior.num_queries,
+            "weights": weights,
+            "objectives": self._monitor.means,
+        }
+        append_line(self._directory.metrics, line)
+
+    def _next_query_step(self) -> float:
+        interval = self._config.query_span * self._config.steps / self._config.queries
+        return interval * (self._posterior.num_queries + 1)
+
+    def _ask(self) -> None:
+        number = self._posterior.num_queries
+        query, record = self._choose_query()
+        if number < len(self._answered):
+            # Answered before a crash that came before the checkpoint: the teacher is not asked again.
+            record = self._answered[number]
+            query = Query(np.array(record["returns"]), np.array(record["objectives"]))
+            self._teacher.load_state_dict(record["teacher"])
+        else:
+            preference = self._teacher.prefer(query)
+            self._episodes = []
+            if preference is None:
+                return
+            record |= {"query": number, "preference": preference.value, "teacher": self._teacher.state_dict()}
+            append_line(self._directory.queries, record)
+            self._answered.append(record)
+        self._posterior.add(query.returns, Preference(record["preference"]))
+        self._venv.weights = self._posterior.weights()
+        self._monitor.queries = self._posterior.num_queries
+        self._episodes = []
+
+    def _choose_query(self) -> tuple[Query, dict[str, Any]]:
+        returns = np.array([episode["returns"] for episode in self._episodes], dtype=np.float64)
+        count = len(returns)
+        first = self._rng.integers(count, size=self._config.candidates)
+        second = (first + self._rng.integers(1, count, size=self._config.candidates)) % count
+        pairs = np.stack([first, second], axis=1)
+        acquisition = ACQUISITIONS[self._config.acquisition]
+        scores = acquisition(self._posterior.samples, returns[pairs], self._posterior.likelihood, self._rng)
+        pair = [self._episodes[index] for index in pairs[np.argmax(scores)]]
+        query = Query(
+            np.array([episode["returns"] for episode in pair], dtype=np.float64),
+            np.array([episode["objectives"] for episode in pair]),
+        )
+        record = {
+            "env_steps": self.num_timesteps,
+            "returns": query.returns.tolist(),
+            "objectives": query.objectives.tolist(),
+            "episodes": [episode["replay"].to_json() for episode in pair],
+        }
+        return query, record

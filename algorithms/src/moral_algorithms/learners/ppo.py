@@ -1,0 +1,275 @@
+"""Stable-Baselines3's PPO as every learner here uses it: how it is made, watched, saved and continued."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.utils import obs_as_tensor
+from stable_baselines3.common.vec_env import VecNormalize
+
+from moral_algorithms.bridge import ScalarisedRewards
+from moral_algorithms.networks.policies import POLICIES
+from moral_algorithms.storage import Arrays
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """How PPO trains; the defaults suit both worlds."""
+
+    policy: str = "fast"
+    """Networks of actor and critic: fast (egocentric) or paper (thesis B.1.1)."""
+    num_envs: int = 256
+    """Environments that run side by side."""
+    rollout_steps: int = 25
+    """Steps per environment between updates."""
+    batch_size: int = 1600
+    """Transitions per gradient step."""
+    epochs: int = 4
+    """Passes over each rollout."""
+    learning_rate: float = 1e-3
+    """Adam's step size at the start; it falls linearly to a twentieth."""
+    gamma: float = 0.97
+    """Discount factor."""
+    gae_lambda: float = 0.95
+    """Exponential weight of generalised advantage estimation."""
+    clip_range: float = 0.2
+    """Bound on the change of an action's probability ratio per update."""
+    entropy_start: float = 0.1
+    """Weight of the entropy bonus at the start."""
+    entropy_end: float = 0.1
+    """Weight of the entropy bonus at the end; it changes linearly."""
+
+    def __post_init__(self) -> None:
+        if self.policy not in POLICIES:
+            raise ValueError(f"policy is {self.policy!r}; it must be one of {sorted(POLICIES)}")
+        for name in ("num_envs", "rollout_steps", "batch_size", "epochs"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
+        for name in ("gamma", "gae_lambda"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be 0 to 1")
+        for name in ("learning_rate", "clip_range"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be positive")
+
+
+class Progress(NamedTuple):
+    """How far a learner has come."""
+
+    steps: int
+    """Environment steps so far."""
+    total_steps: int
+    """Environment steps at the end, at most."""
+    objectives: dict[str, float]
+    """Mean ground-truth counters of the last finished episodes, by name."""
+    queries: int = 0
+    """Queries answered so far."""
+
+
+OnProgress = Callable[[Progress], None]
+
+
+def make_ppo(
+    config: PPOConfig, venv: ScalarisedRewards, seed: int, device: str = "cpu", tensorboard: Path | None = None
+) -> PPO:
+    """PPO on scalarised rewards.
+
+    Rewards are divided by the running spread of returns: otherwise the value loss of learned rewards, which are
+    neither small nor centred, starves the policy through gradient clipping.
+
+    Parameters
+    ----------
+    config
+        Hyperparameters.
+    venv
+        The environments.
+    seed
+        Seeds the weights' initialisation and the actions.
+    device
+        Where networks live: cpu, cuda or auto.
+    tensorboard
+        Folder for TensorBoard's event files; None writes none.
+    """
+    scaled = VecNormalize(venv, norm_obs=False, gamma=config.gamma)
+    model = PPO(
+        POLICIES[config.policy],
+        scaled,
+        n_steps=config.rollout_steps,
+        batch_size=config.batch_size,
+        n_epochs=config.epochs,
+        learning_rate=lambda remaining: config.learning_rate * max(remaining, 0.05),
+        gamma=config.gamma,
+        gae_lambda=config.gae_lambda,
+        clip_range=config.clip_range,
+        ent_coef=config.entropy_start,
+        policy_kwargs={"optimizer_kwargs": {"fused": True}},
+        seed=seed,
+        device=device,
+    )
+    model.set_logger(configure(None if tensorboard is None else str(tensorboard), _formats(tensorboard)))
+    return model
+
+
+def _formats(tensorboard: Path | None) -> list[str]:
+    return [] if tensorboard is None else ["tensorboard"]
+
+
+def standard_callbacks(
+    config: PPOConfig, total_steps: int, objective_names: Sequence[str], on_progress: OnProgress | None
+) -> list[BaseCallback]:
+    """What every learner's training needs: bootstrapping, the entropy schedule and a look at the objectives."""
+    return [
+        BatchedBootstrap(),
+        EntropySchedule(config.entropy_start, config.entropy_end, total_steps),
+        ObjectiveMonitor(objective_names, total_steps, on_progress),
+    ]
+
+
+class BatchedBootstrap(BaseCallback):
+    """Adds the value of the last state of truncated episodes, for all of them in one forward pass.
+
+    It does what PPO's own loop does one environment at a time, and tells that loop that it is done.
+    """
+
+    def _on_step(self) -> bool:
+        rows = np.flatnonzero(self.locals["dones"])
+        if rows.size:
+            infos: list[dict[str, Any]] = self.locals["infos"]
+            assert all(infos[row]["TimeLimit.truncated"] for row in rows)
+            assert isinstance(self.model, PPO)
+            last = np.stack([infos[row]["terminal_observation"] for row in rows])
+            with torch.no_grad():
+                values = self.model.policy.predict_values(obs_as_tensor(last, self.model.device))  # type: ignore[arg-type]
+            self.locals["rewards"][rows] += self.model.gamma * values.cpu().numpy()[:, 0]
+            for row in rows:
+                infos[row]["TimeLimit.truncated"] = False
+        return True
+
+
+class EntropySchedule(BaseCallback):
+    """Moves the weight of the entropy bonus linearly from ``start`` to ``end``."""
+
+    def __init__(self, start: float, end: float, total_steps: int) -> None:
+        super().__init__()
+        self._start, self._end, self._total_steps = start, end, total_steps
+
+    def _on_rollout_start(self) -> None:
+        assert isinstance(self.model, PPO)
+        done = min(self.num_timesteps / self._total_steps, 1.0)
+        self.model.ent_coef = self._start + done * (self._end - self._start)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class ObjectiveMonitor(BaseCallback):
+    """Logs the mean ground-truth counters of finished episodes; no learner sees them."""
+
+    def __init__(self, names: Sequence[str], total_steps: int, on_progress: OnProgress | None) -> None:
+        super().__init__()
+        self._names = tuple(names)
+        self._total_steps = total_steps
+        self._on_progress = on_progress
+        self._finished: list[NDArray[np.int64]] = []
+        self.means: dict[str, float] = {}
+        self.queries = 0
+
+    def _on_step(self) -> bool:
+        if self.locals["dones"].any():
+            self._finished += [info["objectives"] for info in self.locals["infos"] if "objectives" in info]
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self._finished:
+            self.means = dict(zip(self._names, np.mean(self._finished, axis=0).tolist(), strict=True))
+            self._finished = []
+        for name, mean in self.means.items():
+            self.logger.record(f"objectives/{name}", mean)
+        if self._on_progress is not None:
+            self._on_progress(Progress(self.num_timesteps, self._total_steps, dict(self.means), self.queries))
+
+
+@contextmanager
+def sampling_seed(seed: int) -> Iterator[None]:
+    """Draw PyTorch's random numbers from ``seed`` inside, and go on as before afterwards."""
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        yield
+
+
+def ppo_state(model: PPO) -> tuple[Arrays, dict[str, Any]]:
+    """All that PPO needs to go on exactly, between two rollouts, as arrays and JSON-able values."""
+    arrays: Arrays = {f"policy.{name}": _array(tensor) for name, tensor in model.policy.state_dict().items()}
+    optimiser = model.policy.optimizer.state_dict()
+    for index, entries in optimiser["state"].items():
+        for name, tensor in entries.items():
+            arrays[f"optimiser.{index}.{name}"] = _array(tensor)
+    scaled = model.get_env()
+    assert isinstance(scaled, VecNormalize) and isinstance(scaled.venv, ScalarisedRewards)
+    arrays |= {f"venv.{name}": value for name, value in scaled.venv.state_dict().items()}
+    statistics = scaled.ret_rms
+    arrays["scale.returns"] = scaled.returns.copy()
+    arrays["scale.statistics"] = np.array([statistics.mean, statistics.var, statistics.count], dtype=np.float64)
+    assert model._last_episode_starts is not None
+    arrays["episode_starts"] = np.asarray(model._last_episode_starts).copy()
+    # SB3 samples actions from PyTorch's global generator and shuffles batches with NumPy's.
+    arrays["random.torch"] = _array(torch.get_rng_state())
+    name, keys, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002
+    arrays["random.numpy"] = np.asarray(keys)
+    metadata = {
+        "num_timesteps": model.num_timesteps,
+        "n_updates": model._n_updates,
+        "numpy_random": [name, int(position), int(has_gauss), float(gauss)],
+    }
+    return arrays, metadata
+
+
+def load_ppo_state(model: PPO, arrays: Arrays, metadata: dict[str, Any]) -> None:
+    """Continue from what :func:`ppo_state` returned, in a model made with the same configuration."""
+    policy = {name: torch.from_numpy(value) for name, value in _under(arrays, "policy.").items()}
+    model.policy.load_state_dict(policy)
+    optimiser = model.policy.optimizer.state_dict()
+    entries: dict[int, dict[str, torch.Tensor]] = {}
+    for key, value in _under(arrays, "optimiser.").items():
+        index, name = key.split(".", 1)
+        entries.setdefault(int(index), {})[name] = torch.from_numpy(value)
+    model.policy.optimizer.load_state_dict({**optimiser, "state": entries})
+    scaled = model.get_env()
+    assert isinstance(scaled, VecNormalize) and isinstance(scaled.venv, ScalarisedRewards)
+    model._last_obs = scaled.venv.load_state_dict(_under(arrays, "venv."))
+    scaled.returns = arrays["scale.returns"].copy()
+    mean, variance, count = arrays["scale.statistics"].tolist()
+    scaled.ret_rms.mean, scaled.ret_rms.var, scaled.ret_rms.count = np.float64(mean), np.float64(variance), count
+    model._last_episode_starts = arrays["episode_starts"].copy()
+    model.num_timesteps = int(metadata["num_timesteps"])
+    model._n_updates = int(metadata["n_updates"])
+    torch.set_rng_state(torch.from_numpy(arrays["random.torch"]))
+    name, position, has_gauss, gauss = metadata["numpy_random"]
+    np.random.set_state((name, arrays["random.numpy"], position, has_gauss, gauss))  # noqa: NPY002
+
+
+def learn(model: PPO, total_steps: int, callbacks: Sequence[BaseCallback]) -> None:
+    """Train from where the model stands until ``total_steps`` environment steps are done."""
+    if model._last_obs is None:
+        model.learn(total_steps, callback=list(callbacks))
+    elif model.num_timesteps < total_steps:
+        model.learn(total_steps - model.num_timesteps, callback=list(callbacks), reset_num_timesteps=False)
+
+
+def _array(tensor: torch.Tensor) -> NDArray[Any]:
+    array: NDArray[Any] = tensor.detach().cpu().numpy().copy()
+    return array
+
+
+def _under(arrays: Arrays, prefix: str) -> Arrays:
+    return {name[len(prefix) :]: value for name, value in arrays.items() if name.startswith(prefix)}

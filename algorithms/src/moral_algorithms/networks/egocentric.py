@@ -1,0 +1,62 @@
+"""What the agent sees from where it stands: the planes cropped around it."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+WALL_PLANE = 0
+AGENT_PLANE = 1
+
+
+class EgocentricCrop(nn.Module):
+    """Crops all planes but the agent's to a square around the agent; beyond the grid there is wall.
+
+    Parameters
+    ----------
+    shape
+        Shape (C, H, W) of an observation of one agent in a walled grid.
+    radius
+        Cells seen in each direction.
+
+    Attributes
+    ----------
+    size : int
+        Length of the flattened crop, (C - 1) * (2 * radius + 1) ** 2.
+    """
+
+    cells: torch.Tensor
+    sources: torch.Tensor
+
+    def __init__(self, shape: tuple[int, int, int], radius: int) -> None:
+        super().__init__()
+        channels, height, width = shape
+        self.shape = shape
+        planes = torch.tensor([plane for plane in range(channels) if plane != AGENT_PLANE])
+        self.size = len(planes) * (2 * radius + 1) ** 2
+        cells = torch.arange(height * width)
+        steps = torch.arange(-radius, radius + 1)
+        rows = (cells // width)[:, None, None] + steps[:, None]
+        columns = (cells % width)[:, None, None] + steps
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        # The top left corner stands for all that lies outside: it is wall, and nothing else is ever on it.
+        window = torch.where(inside, rows * width + columns, 0).flatten(1)
+        sources = (planes[:, None] * (height * width) + window[:, None]).flatten(1)
+        self.register_buffer("cells", cells.float(), persistent=False)
+        self.register_buffer("sources", sources, persistent=False)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Crop a batch.
+
+        Parameters
+        ----------
+        observations
+            float32 0/1 planes of shape (n, C, H, W).
+
+        Returns
+        -------
+        float32 tensor of shape (n, size)
+        """
+        assert observations.shape[1:] == self.shape, f"{tuple(observations.shape)} is not (n, {self.shape})"
+        agents = (observations[:, AGENT_PLANE].flatten(1) @ self.cells).long()
+        return observations.flatten(1).gather(1, self.sources[agents])

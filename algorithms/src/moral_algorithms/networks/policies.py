@@ -1,0 +1,115 @@
+"""The agent's networks: ``fast`` sees the world from where it stands, ``paper`` is the thesis's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+from moral_algorithms.networks.egocentric import EgocentricCrop
+from moral_algorithms.networks.precision import fast_matmul
+
+
+class EgocentricFeatures(BaseFeaturesExtractor):
+    """A multilayer perceptron on the planes cropped around the agent.
+
+    Parameters
+    ----------
+    observation_space
+        Planes of shape (C, H, W).
+    radius
+        Cells seen in each direction.
+    hidden
+        Sizes of the layers, each followed by a ReLU; the last is the number of features.
+    """
+
+    def __init__(self, observation_space: spaces.Box, radius: int, hidden: tuple[int, ...]) -> None:
+        super().__init__(observation_space, hidden[-1])
+        channels, height, width = observation_space.shape
+        self.crop = EgocentricCrop((channels, height, width), radius)
+        layers: list[nn.Module] = []
+        for inputs, outputs in zip((self.crop.size, *hidden), hidden, strict=False):
+            layers += [nn.Linear(inputs, outputs), nn.ReLU()]
+        self.layers = nn.Sequential(*layers)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Features (n, hidden[-1]) of float32 observations (n, C, H, W)."""
+        with fast_matmul(observations.device):
+            features: torch.Tensor = self.layers(self.crop(observations))
+        return features.float()
+
+
+class EgocentricPolicy(ActorCriticPolicy):
+    """Actor and critic as linear heads on shared :class:`EgocentricFeatures`."""
+
+    def __init__(self, *args: Any, radius: int = 5, hidden: tuple[int, ...] = (256, 256), **kwargs: Any) -> None:
+        kwargs.update(
+            net_arch=[],
+            features_extractor_class=EgocentricFeatures,
+            features_extractor_kwargs={"radius": radius, "hidden": tuple(hidden)},
+        )
+        super().__init__(*args, **kwargs)
+
+
+class _ConvolutionalTrunk(BaseFeaturesExtractor):
+    """The two convolutions that actor and critic share (thesis B.1.1)."""
+
+    def __init__(self, observation_space: spaces.Box) -> None:
+        channels, height, width = observation_space.shape
+        super().__init__(observation_space, 256 * (height - 2) * (width - 2))
+        self.map_shape = (256, height - 2, width - 2)
+        self.layers = nn.Sequential(nn.Conv2d(channels, 64, 2), nn.ReLU(), nn.Conv2d(64, 256, 2), nn.ReLU())
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        with fast_matmul(observations.device):
+            maps: torch.Tensor = self.layers(observations.contiguous(memory_format=torch.channels_last))
+        return maps.flatten(1)
+
+
+class _ConvolutionalHeads(nn.Module):
+    """One more convolution each for actor and critic, flattened; the linear layers follow in SB3's policy."""
+
+    def __init__(self, map_shape: tuple[int, int, int]) -> None:
+        super().__init__()
+        channels, height, width = map_shape
+        self.map_shape = map_shape
+        self.latent_dim_pi = self.latent_dim_vf = 32 * (height - 1) * (width - 1)
+        self.actor = nn.Sequential(nn.Conv2d(channels, 32, 2), nn.ReLU())
+        self.critic = nn.Sequential(nn.Conv2d(channels, 32, 2), nn.ReLU())
+
+    def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        return self.forward_actor(features), self.forward_critic(features)
+
+    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
+        return self._head(self.actor, features)
+
+    def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
+        return self._head(self.critic, features)
+
+    def _head(self, head: nn.Sequential, features: torch.Tensor) -> torch.Tensor:
+        maps = features.reshape(-1, *self.map_shape)
+        with fast_matmul(features.device):
+            latent: torch.Tensor = head(maps.contiguous(memory_format=torch.channels_last))
+        return latent.flatten(1).float()
+
+
+class ConvolutionalPolicy(ActorCriticPolicy):
+    """The thesis's actor-critic network: shared convolutions of 64 and 256 channels, heads of 32 (B.1.1)."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs.update(features_extractor_class=_ConvolutionalTrunk)
+        super().__init__(*args, **kwargs)
+        # Only now: SB3's orthogonal initialisation does not accept channels-last weights.
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def _build_mlp_extractor(self) -> None:
+        assert isinstance(self.features_extractor, _ConvolutionalTrunk)
+        self.mlp_extractor = _ConvolutionalHeads(self.features_extractor.map_shape)  # type: ignore[assignment]
+
+
+POLICIES: dict[str, type[ActorCriticPolicy]] = {"fast": EgocentricPolicy, "paper": ConvolutionalPolicy}
+"""The presets by name."""

@@ -1,0 +1,26 @@
+"""Half precision where the hardware multiplies it faster."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from functools import cache
+from typing import Any
+
+import torch
+
+
+@cache
+def has_fast_bfloat16(device_type: str) -> bool:
+    """Whether bfloat16 matrix products are faster than float32 ones on a device of this type."""
+    if device_type == "cuda":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    # The public interface tells nothing of matrix units; without the private question, float32 it is.
+    question = getattr(torch.cpu, "_is_amx_tile_supported", None)
+    return device_type == "cpu" and question is not None and bool(question())
+
+
+def fast_matmul(device: torch.device) -> AbstractContextManager[Any]:
+    """Context in which matrix products and convolutions run in bfloat16, if that is faster on ``device``."""
+    if has_fast_bfloat16(device.type):
+        return torch.autocast(device.type, torch.bfloat16)
+    return nullcontext()

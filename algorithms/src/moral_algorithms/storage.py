@@ -1,0 +1,124 @@
+"""Files that survive crashes and full disks, and that are safe to load.
+
+Everything is written to a temporary name, flushed to the disk and renamed: a file is either the last complete
+one or the new complete one. What is loaded is JSON, NumPy arrays without pickles or safetensors: nothing in a
+file can be executed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, cast
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+from numpy.typing import NDArray
+
+Arrays = dict[str, NDArray[Any]]
+
+
+class StorageError(ValueError):
+    """A file that cannot be read or written, in one line."""
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file that appears under ``path`` only when it is complete.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written, for instance on a full disk; what stood at ``path`` is untouched then.
+    """
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        temporary = Path(name)
+        with os.fdopen(handle, "wb") as file:
+            yield cast("IO[bytes]", file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write ``value`` as indented JSON."""
+    with atomic_write(path) as file:
+        file.write((json.dumps(value, indent=2) + "\n").encode())
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file.
+
+    Raises
+    ------
+    StorageError
+        If it is missing or not JSON.
+    """
+    return _read(path, lambda: json.loads(path.read_text(encoding="utf-8")))
+
+
+def write_tensors(path: Path, arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]) -> None:
+    """Write arrays and JSON-able metadata as one safetensors file."""
+    payload = safetensors.numpy.save(
+        {name: np.ascontiguousarray(array) for name, array in arrays.items()},
+        metadata={"moral": json.dumps(dict(metadata))},
+    )
+    with atomic_write(path) as file:
+        file.write(payload)
+
+
+def read_tensors(path: Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
+    """Read what :func:`write_tensors` wrote.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        What ``metadata["kind"]`` must be.
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, truncated or of another kind.
+    """
+
+    def read() -> tuple[Arrays, dict[str, Any]]:
+        with safetensors.safe_open(path, framework="numpy") as file:
+            metadata = json.loads((file.metadata() or {}).get("moral", "{}"))
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        return arrays, metadata
+
+    arrays, metadata = _read(path, read)
+    if not isinstance(metadata, dict) or metadata.get("kind") != kind:
+        found = metadata.get("kind") if isinstance(metadata, dict) else None
+        raise StorageError(f"{path} holds {found!r}; it must hold {kind!r}")
+    return arrays, metadata
+
+
+def _read(path: Path, read: Callable[[], Any]) -> Any:
+    try:
+        return read()
+    except FileNotFoundError as error:
+        raise StorageError(f"there is no file {path}") from error
+    except OSError as error:
+        raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, KeyError, safetensors.SafetensorError) as error:
+        raise StorageError(f"{path} is damaged or not what it should be: {_first_line(error)}") from error
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,118 @@
+"""The PettingZoo ``AECEnv`` face: agents give their actions one after the other, then the world steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from pettingzoo import AECEnv
+from pettingzoo.utils import AgentSelector
+
+from moral_envs.faces.common import Frame
+from moral_envs.faces.parallel import AgentID, GridParallelEnv, Info, Observation, Reward
+from moral_envs.world import NUM_ACTIONS, World
+
+
+class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
+    """A world as a PettingZoo agent-environment-cycle environment with vector rewards.
+
+    The world steps when the last agent has given its action; until then all agents keep what they last saw.
+
+    Parameters
+    ----------
+    world, num_agents, team_reward, render_mode
+        As for :class:`~moral_envs.faces.parallel.GridParallelEnv`.
+    """
+
+    def __init__(
+        self, world: World, num_agents: int = 1, team_reward: bool = False, render_mode: str | None = None
+    ) -> None:
+        super().__init__()
+        self.parallel = GridParallelEnv(world, num_agents, team_reward, render_mode)
+        self.render_mode = self.parallel.render_mode
+        self.metadata = self.parallel.metadata
+        self.reward_names = world.reward_names
+        self.objective_names = world.objective_names
+        self.possible_agents = list(self.parallel.possible_agents)
+        self.agents: list[AgentID] = []
+        self.observation_spaces = self.parallel.observation_spaces
+        self.action_spaces = self.parallel.action_spaces
+        self.reward_spaces = self.parallel.reward_spaces
+
+    def observation_space(self, agent: AgentID) -> spaces.Space[Any]:
+        """Space of one agent's observations, always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: AgentID) -> spaces.Space[Any]:
+        """Space of one agent's actions, always the same object."""
+        return self.action_spaces[agent]
+
+    def reward_space(self, agent: AgentID) -> spaces.Space[Any]:
+        """Space of one agent's reward vectors, always the same object."""
+        return self.reward_spaces[agent]
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        """Start an episode; without a seed the random stream goes on from the last episode."""
+        self._observations, self.infos = self.parallel.reset(seed=seed, options=options)
+        self.agents = list(self.possible_agents)
+        self.terminations = dict.fromkeys(self.agents, False)
+        self.truncations = dict.fromkeys(self.agents, False)
+        self._clear_rewards()
+        self._cumulative_rewards = {agent: self._no_reward() for agent in self.agents}
+        self._actions: dict[AgentID, Any] = {}
+        self._selector = AgentSelector(self.agents)
+        self.agent_selection = self._selector.next()
+
+    def step(self, action: int | None) -> None:
+        """Give the selected agent's action, or None for an agent whose episode has ended."""
+        if not self.agents:
+            raise ValueError("action was given after the end of the episode; call reset first")
+        agent = self.agent_selection
+        if self.truncations[agent]:
+            self._was_dead_step(action)
+            return
+        if not self.action_spaces[agent].contains(action):
+            raise ValueError(f"action is {action!r}; it must be 0 to {NUM_ACTIONS - 1}")
+        self._cumulative_rewards[agent] = self._no_reward()
+        self._actions[agent] = action
+        if self._selector.is_last():
+            step = self.parallel.step(self._actions)
+            self._observations, self.rewards, self.terminations, self.truncations, self.infos = step
+            self._actions = {}
+            for name, reward in self.rewards.items():
+                self._cumulative_rewards[name] = self._cumulative_rewards[name] + reward
+        else:
+            self._clear_rewards()
+        self.agent_selection = self._selector.next()
+
+    def last(self, observe: bool = True) -> tuple[Observation | None, Reward, bool, bool, Info]:
+        """Return what the selected agent sees, got since its last action, and whether its episode ended."""
+        observation, reward, terminated, truncated, info = super().last(observe)
+        return observation, reward.copy(), terminated, truncated, info
+
+    def observe(self, agent: AgentID) -> Observation:
+        """Show what the agent saw after the last step of the world, uint8 (C, H, W), a fresh array."""
+        return self._observations[agent].copy()
+
+    def render(self) -> Frame | None:
+        """Draw the current state as ``render_mode`` says."""
+        return self.parallel.render()
+
+    def state(self) -> Observation:
+        """Planes of the whole world: walls, one plane per agent, objects; uint8 (C + n_agents - 1, H, W)."""
+        return self.parallel.state()
+
+    def get_central_observation_space(self) -> spaces.Space[Any]:
+        """Space of the flattened :meth:`state`, for MOMAland's ``CentraliseAgent``."""
+        return self.parallel.get_central_observation_space()
+
+    def close(self) -> None:
+        """Nothing to release."""
+        self.parallel.close()
+
+    def _clear_rewards(self) -> None:
+        self.rewards = {agent: self._no_reward() for agent in self.agents}
+
+    def _no_reward(self) -> Reward:
+        return np.zeros(len(self.reward_names), dtype=np.float32)

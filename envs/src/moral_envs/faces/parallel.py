@@ -1,0 +1,146 @@
+"""The PettingZoo ``ParallelEnv`` face: all agents act at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from moral_envs.engine import Engine
+from moral_envs.faces.common import (
+    RENDER_FPS,
+    RENDER_MODES,
+    Frame,
+    action_space,
+    draw_single,
+    observation_space,
+    require_render_mode,
+    reward_space,
+)
+from moral_envs.streams import spawn_streams
+from moral_envs.world import World
+
+AgentID = str
+Observation = NDArray[np.uint8]
+Reward = NDArray[np.float32]
+Info = dict[str, Any]
+
+
+class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
+    """A world as a PettingZoo parallel environment with vector rewards.
+
+    It has what MOMAland's ``MOParallelEnv`` has (``reward_space(agent)``, ``reward_spaces``) and so goes
+    through MOMAland's wrappers. Rewards are float32 arrays of shape (k,), fresh for each agent and step.
+
+    Parameters
+    ----------
+    world
+        The rules.
+    num_agents
+        Agents, named ``agent_0``, ``agent_1``, ...
+    team_reward
+        Pay and count every agent the sum over all agents instead of its own part.
+    render_mode
+        None, ``"ansi"`` or ``"rgb_array"``.
+    """
+
+    def __init__(
+        self, world: World, num_agents: int = 1, team_reward: bool = False, render_mode: str | None = None
+    ) -> None:
+        self.engine = Engine(world, num_agents=num_agents, team_reward=team_reward)
+        self.render_mode = require_render_mode(render_mode)
+        self.metadata = {
+            "name": world.name,
+            "render_modes": list(RENDER_MODES),
+            "render_fps": RENDER_FPS,
+            "is_parallelizable": True,
+            "central_observation": True,
+        }
+        self.reward_names = world.reward_names
+        self.objective_names = world.objective_names
+        self.possible_agents = [f"agent_{i}" for i in range(num_agents)]
+        self.agents: list[AgentID] = []
+        self.observation_spaces: dict[AgentID, spaces.Space[Any]] = {
+            agent: observation_space(self.engine) for agent in self.possible_agents
+        }
+        self.action_spaces: dict[AgentID, spaces.Space[Any]] = {
+            agent: action_space() for agent in self.possible_agents
+        }
+        self.reward_spaces: dict[AgentID, spaces.Space[Any]] = {
+            agent: reward_space(self.engine) for agent in self.possible_agents
+        }
+
+    def observation_space(self, agent: AgentID) -> spaces.Space[Any]:
+        """Space of one agent's observations, always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: AgentID) -> spaces.Space[Any]:
+        """Space of one agent's actions, always the same object."""
+        return self.action_spaces[agent]
+
+    def reward_space(self, agent: AgentID) -> spaces.Space[Any]:
+        """Space of one agent's reward vectors, always the same object."""
+        return self.reward_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[AgentID, Observation], dict[AgentID, Info]]:
+        """Start an episode; without a seed the random stream goes on from the last episode."""
+        if seed is not None:
+            self.engine.seed(spawn_streams(seed, 1))
+        self.engine.reset()
+        self.agents = list(self.possible_agents)
+        return self._by_agent(self.engine.observe()[0]), self._infos()
+
+    def step(
+        self, actions: dict[AgentID, int]
+    ) -> tuple[
+        dict[AgentID, Observation],
+        dict[AgentID, Reward],
+        dict[AgentID, bool],
+        dict[AgentID, bool],
+        dict[AgentID, Info],
+    ]:
+        """Take one step with an action for every agent in ``agents``."""
+        if not self.agents:
+            raise ValueError("actions were given after the end of the episode; call reset first")
+        if actions.keys() != set(self.agents):
+            raise ValueError(f"actions are for {list(actions)}; they must be for {self.agents}")
+        step = self.engine.step([[actions[agent] for agent in self.agents]])
+        observations = self._by_agent(self.engine.observe()[0])
+        rewards = self._by_agent(step.rewards[0])
+        terminations = dict.fromkeys(self.agents, False)
+        truncations = dict.fromkeys(self.agents, bool(step.truncations[0]))
+        infos = self._infos()
+        if step.truncations[0]:
+            self.agents = []
+        return observations, rewards, terminations, truncations, infos
+
+    def render(self) -> Frame | None:
+        """Draw the current state as ``render_mode`` says."""
+        return draw_single(self.engine, self.render_mode)
+
+    def state(self) -> Observation:
+        """Planes of the whole world: walls, one plane per agent, objects; uint8 (C + n_agents - 1, H, W)."""
+        walls, _, *things = self.engine.world_planes()[0]
+        agents = np.zeros((len(self.possible_agents), *walls.shape), dtype=np.uint8)
+        rows, columns = self.engine.agent_cells[0].T
+        agents[np.arange(len(agents)), rows, columns] = 1
+        return np.stack([walls, *agents, *things])
+
+    def get_central_observation_space(self) -> spaces.Space[Any]:
+        """Space of the flattened :meth:`state`, for MOMAland's ``CentraliseAgent``."""
+        return spaces.Box(0, 1, shape=(self.state().size,), dtype=np.uint8)
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    def _by_agent(self, rows: NDArray[Any]) -> dict[AgentID, Any]:
+        return {agent: row.copy() for agent, row in zip(self.agents, rows, strict=True)}
+
+    def _infos(self) -> dict[AgentID, Info]:
+        objectives = self._by_agent(self.engine.objectives[0])
+        return {agent: {"objectives": counters} for agent, counters in objectives.items()}

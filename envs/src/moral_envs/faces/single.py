@@ -1,0 +1,74 @@
+"""The ``gymnasium.Env`` face: one agent, to the conventions of MO-Gymnasium."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from moral_envs.engine import Engine
+from moral_envs.faces.common import (
+    RENDER_FPS,
+    RENDER_MODES,
+    Frame,
+    action_space,
+    draw_single,
+    observation_space,
+    require_render_mode,
+    reward_space,
+)
+from moral_envs.streams import spawn_streams
+from moral_envs.world import World
+
+
+class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
+    """A world as a single-agent Gymnasium environment whose reward is a float32 array of shape (k,).
+
+    Parameters
+    ----------
+    world
+        The rules.
+    render_mode
+        None, ``"ansi"`` or ``"rgb_array"``.
+    """
+
+    def __init__(self, world: World, render_mode: str | None = None) -> None:
+        self.engine = Engine(world)
+        self.render_mode = require_render_mode(render_mode)
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
+        self.observation_space = observation_space(self.engine)
+        self.action_space = action_space()
+        self.reward_space = reward_space(self.engine)
+        self.reward_dim = len(world.reward_names)
+        self.reward_names = world.reward_names
+        self.objective_names = world.objective_names
+        self._running = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+        """Start an episode; without a seed the random stream goes on from the last episode."""
+        super().reset(seed=seed, options=options)
+        if seed is not None:
+            self.engine.seed(spawn_streams(seed, 1))
+        self.engine.reset()
+        self._running = True
+        return self.engine.observe()[0, 0], self._info()
+
+    def step(self, action: int) -> tuple[NDArray[np.uint8], NDArray[np.float32], bool, bool, dict[str, Any]]:
+        """Take one step; ``info["objectives"]`` holds the counters of the episode so far."""
+        if not self._running:
+            raise ValueError("action was given outside an episode; call reset first")
+        step = self.engine.step(np.reshape(action, -1))
+        truncated = bool(step.truncations[0])
+        self._running = not truncated
+        return self.engine.observe()[0, 0], step.rewards[0, 0], False, truncated, self._info()
+
+    def render(self) -> Frame | None:
+        """Draw the current state as ``render_mode`` says."""
+        return draw_single(self.engine, self.render_mode)
+
+    def _info(self) -> dict[str, Any]:
+        return {"objectives": self.engine.objectives[0, 0]}

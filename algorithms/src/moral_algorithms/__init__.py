@@ -1,0 +1,1 @@
+"""Multi-Objective Reinforced Active Learning (MORAL) on Stable-Baselines3."""

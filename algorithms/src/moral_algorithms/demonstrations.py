@@ -8,7 +8,7 @@ A NumPy ``.npz`` archive without pickled objects, with these arrays:
 name                dtype   shape                   content
 ==================  ======  ======================  =====================================================
 ``header``          uint8   (bytes,)                UTF-8 JSON: ``format``, ``version``, ``world``
-``states``          uint8   (n, T + 1, C, H, W)     0/1 planes, the start and the state after each step 
+``states``          uint8   (n, T + 1, C, H, W)     0/1 planes, the start and the state after each step
 ``actions``         uint8   (n, T)                  action taken in each state but the last
 ``objectives``      int64   (n, m)                  ground-truth counters at the end, for reference only
 ==================  ======  ======================  =====================================================
@@ -17,21 +17,39 @@ name                dtype   shape                   content
 from __future__ import annotations
 
 import json
+import struct
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from moral_envs.engine import Engine
-from moral_envs.world import NUM_ACTIONS
 from numpy.typing import NDArray
 
-from moral_algorithms.storage import StorageError, atomic_write
+from moral_algorithms.storage import StorageError, atomic_write, first_line
 from moral_algorithms.worlds import WorldSpec
+from moral_envs.engine import Engine
+from moral_envs.world import NUM_ACTIONS
 
 FORMAT = "moral-demonstrations"
 VERSION = 1
 _ARRAYS = ("header", "states", "actions", "objectives")
+
+# What NumPy, zipfile and zlib raise, depending on which byte of an archive is wrong.
+_DAMAGE = (
+    OSError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    KeyError,
+    EOFError,
+    MemoryError,
+    OverflowError,
+    RuntimeError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 @dataclass(frozen=True)
@@ -52,7 +70,8 @@ class Demonstrations:
     Raises
     ------
     ValueError
-        If a shape or dtype does not fit the world, there is no episode, or a value is out of range.
+        If a shape or dtype does not fit the world, there is no episode, a value is out of range, or a state
+        does not have exactly one agent.
     """
 
     world: WorldSpec
@@ -63,7 +82,9 @@ class Demonstrations:
     def __post_init__(self) -> None:
         world = self.world.build()
         if self.actions.ndim != 2 or len(self.actions) == 0:
-            raise ValueError(f"actions have shape {self.actions.shape}; they must be (episodes, steps), at least one")
+            raise ValueError(
+                f"actions have shape {self.actions.shape}; they must be (episodes, steps), at least one"
+            )
         episodes = len(self.actions)
         wanted: dict[str, tuple[tuple[int, ...], type]] = {
             "states": ((episodes, world.horizon + 1, *Engine(world).observation_shape), np.uint8),
@@ -79,6 +100,9 @@ class Demonstrations:
                 )
         if self.states.max() > 1:
             raise ValueError(f"states contain {self.states.max()}; planes hold 0 and 1")
+        agents = self.states[:, :, world.plane_names.index("agent")].sum(axis=(2, 3))
+        if (agents != 1).any():
+            raise ValueError(f"states contain one with {agents[agents != 1][0]} agents; each must have one")
         if self.actions.max() >= NUM_ACTIONS:
             raise ValueError(f"actions contain {self.actions.max()}; an action is 0 to {NUM_ACTIONS - 1}")
 
@@ -88,7 +112,13 @@ class Demonstrations:
         return len(self.actions)
 
     def save(self, path: Path) -> None:
-        """Write the file; see the module's documentation for its format."""
+        """Write the file; see the module's documentation for its format.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be written; what stood at ``path`` is untouched then.
+        """
         header = {"format": FORMAT, "version": VERSION, "world": self.world.to_json()}
         with atomic_write(path) as file:
             np.savez_compressed(
@@ -116,7 +146,8 @@ class Demonstrations:
             If it is missing, truncated, of another format, version or world, or holds Python objects.
         """
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            # NumPy does not close a file that it opened and found damaged.
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 missing = [name for name in _ARRAYS if name not in archive]
                 if missing:
                     raise StorageError(f"{path} has no array {missing[0]!r}; it is no demonstration file")
@@ -125,16 +156,17 @@ class Demonstrations:
             if not isinstance(header, dict) or header.get("format") != FORMAT:
                 raise StorageError(f"{path} is no demonstration file")
             if header.get("version") != VERSION:
-                raise StorageError(f"{path} has version {header.get('version')!r}; this release reads {VERSION}")
+                raise StorageError(
+                    f"{path} has version {header.get('version')!r}; this release reads {VERSION}"
+                )
             found = WorldSpec.from_json(header.get("world"))
             demonstrations = cls(found, arrays["states"], arrays["actions"], arrays["objectives"])
         except StorageError:
             raise
         except FileNotFoundError as error:
             raise StorageError(f"there is no demonstration file {path}") from error
-        except (OSError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise StorageError(f"{path} is damaged or no demonstration file: {reason}") from error
-        if world is not None and found != world:
+        except _DAMAGE as error:
+            raise StorageError(f"{path} is damaged or no demonstration file: {first_line(error)}") from error
+        if world is not None and found.build() != world.build():
             raise StorageError(f"{path} was demonstrated in {found.to_json()}; it must be {world.to_json()}")
         return demonstrations

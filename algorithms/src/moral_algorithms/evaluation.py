@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
+
 from moral_envs.engine import Engine
 from moral_envs.streams import spawn_streams
 from moral_envs.world import World
-from numpy.typing import NDArray
 
 
 class Policy(Protocol):
@@ -22,7 +23,15 @@ class Policy(Protocol):
 
 
 class RandomPolicy:
-    """Chooses every action with the same probability."""
+    """Chooses every action with the same probability.
+
+    Parameters
+    ----------
+    num_actions
+        Number of actions.
+    rng
+        Source of randomness.
+    """
 
     def __init__(self, num_actions: int, rng: np.random.Generator) -> None:
         self._num_actions = num_actions
@@ -64,10 +73,15 @@ def play_episodes(
     seed
         Entropy of the starts; the same seed gives the same starts to every policy.
     deterministic
-        Take the likeliest action instead of sampling.
+        Take the likeliest action instead of sampling. What a policy samples does not depend on ``seed``.
+
+    Raises
+    ------
+    ValueError
+        If ``num_episodes`` is below 1, or the policy chooses what is no action.
     """
     if num_episodes < 1:
-        raise ValueError(f"episodes is {num_episodes}; it must be at least 1")
+        raise ValueError(f"num_episodes is {num_episodes}; it must be at least 1")
     engine = Engine(world, num_episodes)
     engine.seed(spawn_streams(seed, num_episodes))
     engine.reset()
@@ -76,8 +90,9 @@ def play_episodes(
     returns = np.zeros((num_episodes, len(world.reward_names)))
     states[:, 0] = engine.observe()[:, 0]
     for step in range(world.horizon):
-        chosen = np.asarray(policy.predict(states[:, step], deterministic=deterministic)[0], dtype=np.int64)
+        chosen = np.asarray(policy.predict(states[:, step], deterministic=deterministic)[0])
+        assert chosen.shape == (num_episodes,), f"actions {chosen.shape} are not ({num_episodes},)"
+        returns += engine.step(chosen).rewards[:, 0]
         actions[:, step] = chosen
-        returns += engine.step(chosen[:, None]).rewards[:, 0]
         states[:, step + 1] = engine.observe()[:, 0]
     return Episodes(states, actions, returns, engine.objectives[:, 0])

@@ -6,6 +6,9 @@
 ``metrics.jsonl``          one line per rollout
 ``checkpoint.safetensors`` the whole state of training between two rollouts
 ``policy.safetensors``     the trained policy
+``reward.safetensors``     a learned reward network (AIRL)
+``learned_1.safetensors``  copies of the reward networks that a run of MORAL trains under, by component
+``normalisers.json``       returns of policies that pursue one primary component alone (MORAL)
 ``summary.json``           the result, written last
 ``run.lock``               held while a process writes here
 =========================  ==================================================================================
@@ -17,13 +20,13 @@ import fcntl
 import json
 import os
 import platform
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib.metadata import version
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from moral_algorithms.storage import StorageError, read_json, write_json
+from moral_algorithms.storage import StorageError, atomic_write, read_json, remove_remains, write_json
 
 FORMAT_VERSION = 1
 
@@ -50,6 +53,8 @@ class RunDirectory:
     def hold(self) -> Iterator[None]:
         """Keep other processes out until the block ends; the lock goes with the process, however it ends.
 
+        What an earlier process that was killed has left of files it was writing is removed.
+
         Raises
         ------
         StorageError
@@ -63,8 +68,11 @@ class RunDirectory:
         with file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
+            except BlockingIOError as error:
                 raise StorageError(f"{self.path} is in use by another process") from error
+            except OSError as error:
+                raise StorageError(f"cannot lock {self.path}: {error.strerror}") from error
+            remove_remains(self.path)
             yield
 
     def require_new(self) -> None:
@@ -73,11 +81,23 @@ class RunDirectory:
             raise StorageError(f"{self.path} holds a run already; choose another folder, or --resume it")
 
     def write_config(self, config: dict[str, Any]) -> None:
-        """Write the configuration, with the versions it runs under."""
+        """Write the configuration, JSON-able values by name, with the versions it runs under.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be written.
+        """
         write_json(self.config, {"format_version": FORMAT_VERSION, **config, "versions": versions()})
 
     def read_config(self) -> dict[str, Any]:
-        """Read the configuration of the run that was started here."""
+        """Read the configuration of the run that was started here.
+
+        Raises
+        ------
+        StorageError
+            If it is missing, damaged or of another format.
+        """
         config = read_json(self.config)
         if not isinstance(config, dict) or config.get("format_version") != FORMAT_VERSION:
             raise StorageError(f"{self.config} is not of format {FORMAT_VERSION}, which this release reads")
@@ -87,8 +107,17 @@ class RunDirectory:
         """Raise a StorageError if the run here was started with another configuration."""
         stored = self.read_config()
         for name, value in json.loads(json.dumps(config)).items():
-            if stored.get(name) != value:
-                raise StorageError(f"{self.path} was started with {name} = {stored.get(name)}; now it is {value}")
+            for part, before, now in _differences(name, stored.get(name), value):
+                raise StorageError(f"{self.path} was started with {part} = {before}; now it is {now}")
+
+
+def _differences(name: str, before: Any, now: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Name what differs between two JSON values, as deep inside objects as it lies."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in sorted({*before, *now}):
+            yield from _differences(f"{name}.{key}", before.get(key), now.get(key))
+    elif before != now:
+        yield name, before, now
 
 
 def append_line(path: Path, value: Any) -> None:
@@ -99,12 +128,14 @@ def append_line(path: Path, value: Any) -> None:
     StorageError
         If it cannot be written; a line that was begun is taken back.
     """
+    line = json.dumps(value).encode() + b"\n"
     try:
-        with path.open("ab") as file:
+        # Without a buffer: closing the file would write what is left in it of a line that was taken back.
+        with path.open("ab", buffering=0) as file:
             start = file.tell()
             try:
-                file.write(json.dumps(value).encode() + b"\n")
-                file.flush()
+                while line:
+                    line = line[file.write(line) :]
                 os.fsync(file.fileno())
             except OSError:
                 os.ftruncate(file.fileno(), start)
@@ -119,21 +150,43 @@ def read_lines(path: Path) -> list[Any]:
     Raises
     ------
     StorageError
-        If another line is damaged.
+        If it cannot be read, or another line is damaged.
     """
-    if not path.exists():
-        return []
-    content = path.read_bytes()
-    complete = content[: content.rfind(b"\n") + 1]
-    if complete != content:
-        os.truncate(path, len(complete))
     try:
-        return [json.loads(line) for line in complete.splitlines()]
-    except ValueError as error:
-        raise StorageError(f"{path} is damaged: {error}") from error
+        content = path.read_bytes()
+        complete = content[: content.rfind(b"\n") + 1]
+        if complete != content:
+            os.truncate(path, len(complete))
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    lines = []
+    for number, line in enumerate(complete.splitlines(), start=1):
+        try:
+            lines.append(json.loads(line))
+        except (ValueError, RecursionError) as error:
+            raise StorageError(f"{path} is damaged in line {number}: {error}") from error
+    return lines
+
+
+def write_lines(path: Path, values: Iterable[Any]) -> None:
+    """Replace a file by one JSON line for each of ``values``.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written; the file is untouched then.
+    """
+    with atomic_write(path) as file:
+        file.writelines(json.dumps(value).encode() + b"\n" for value in values)
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that results depend on."""
-    packages = ("moral-envs", "moral-algorithms", "numpy", "torch", "stable-baselines3", "gymnasium")
-    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+    """Find the versions of Python and of the packages that results depend on."""
+    found = {"python": platform.python_version()}
+    for name in ("moral-envs", "moral-algorithms", "numpy", "torch", "stable-baselines3", "gymnasium"):
+        # In a source tree that is not installed, the packages themselves have no version.
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
+import re
+import secrets
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 import numpy as np
 import safetensors
@@ -36,25 +37,46 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     StorageError
         If it cannot be written, for instance on a full disk; what stood at ``path`` is untouched then.
     """
-    temporary: Path | None = None
+    # Not the tempfile module: its files are readable by their owner alone, whatever the umask says.
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as file:
-            yield cast("IO[bytes]", file)
+        with temporary.open("xb") as file:
+            yield file
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
-        if temporary is not None:
+        with suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 
+def remove_remains(folder: Path) -> None:
+    """Remove what is left of files that a process was writing into ``folder`` when it was killed.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be removed.
+    """
+    try:
+        for path in folder.iterdir():
+            if re.fullmatch(r"\..+\.[0-9a-f]{8}", path.name):
+                path.unlink()
+    except OSError as error:
+        raise StorageError(f"cannot tidy up {folder}: {error.strerror or error}") from error
+
+
 def write_json(path: Path, value: Any) -> None:
-    """Write ``value`` as indented JSON."""
+    """Write ``value`` as indented JSON.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written; what stood at ``path`` is untouched then.
+    """
     with atomic_write(path) as file:
         file.write((json.dumps(value, indent=2) + "\n").encode())
 
@@ -71,9 +93,18 @@ def read_json(path: Path) -> Any:
 
 
 def write_tensors(path: Path, arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]) -> None:
-    """Write arrays and JSON-able metadata as one safetensors file."""
+    """Write arrays and JSON-able metadata as one safetensors file.
+
+    ``metadata["kind"]`` says what the file is, for :func:`read_tensors`.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written; what stood at ``path`` is untouched then.
+    """
+    # Not ascontiguousarray, which makes a vector of a scalar.
     payload = safetensors.numpy.save(
-        {name: np.ascontiguousarray(array) for name, array in arrays.items()},
+        {name: np.asarray(array, order="C") for name, array in arrays.items()},
         metadata={"moral": json.dumps(dict(metadata))},
     )
     with atomic_write(path) as file:
@@ -89,6 +120,11 @@ def read_tensors(path: Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
         The file.
     kind
         What ``metadata["kind"]`` must be.
+
+    Returns
+    -------
+    arrays, metadata
+        As they were given to :func:`write_tensors`.
 
     Raises
     ------
@@ -109,6 +145,11 @@ def read_tensors(path: Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
     return arrays, metadata
 
 
+def first_line(error: Exception) -> str:
+    """Return what an error says in its first line, or its type where it says nothing."""
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
 def _read(path: Path, read: Callable[[], Any]) -> Any:
     try:
         return read()
@@ -116,9 +157,5 @@ def _read(path: Path, read: Callable[[], Any]) -> Any:
         raise StorageError(f"there is no file {path}") from error
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, safetensors.SafetensorError) as error:
-        raise StorageError(f"{path} is damaged or not what it should be: {_first_line(error)}") from error
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+    except (ValueError, KeyError, RecursionError, safetensors.SafetensorError) as error:
+        raise StorageError(f"{path} is damaged or not what it should be: {first_line(error)}") from error

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from moral_envs import delivery_v0, emergency_v0
+from moral_envs.engine import Engine
 from moral_envs.world import World
 
-WORLDS = {"emergency": emergency_v0.world, "delivery": delivery_v0.world}
+WORLDS: dict[str, Callable[..., World]] = {"emergency": emergency_v0.world, "delivery": delivery_v0.world}
 """Functions that build each world from its rules, by name."""
 
 
@@ -32,27 +34,33 @@ class WorldSpec:
         if self.name not in WORLDS:
             raise ValueError(f"world is {self.name!r}; it must be one of {sorted(WORLDS)}")
         known = inspect.signature(WORLDS[self.name]).parameters
-        for rule in self.rules:
+        for rule, value in self.rules.items():
             if rule not in known:
                 raise ValueError(f"rules name {rule!r}; {self.name} has {sorted(known)}")
-        self.build()
+            if type(value) is not int:
+                raise ValueError(f"rule {rule} is {value!r}; it must be an integer")
+        # Only an engine knows whether everything fits on the free cells.
+        Engine(self.build())
 
     def build(self) -> World:
-        """The world itself."""
+        """Make the world itself."""
         return WORLDS[self.name](**self.rules)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for :meth:`from_json`."""
+        """Return plain values for :meth:`from_json`."""
         return {"name": self.name, "rules": dict(self.rules)}
 
     @classmethod
     def from_json(cls, value: Any) -> WorldSpec:
-        """The specification that :meth:`to_json` wrote, checked."""
-        try:
-            name, rules = value["name"], value["rules"]
-            valid = isinstance(name, str) and all(type(number) is int for number in rules.values())
-        except (TypeError, KeyError, AttributeError):
-            valid = False
-        if not valid:
-            raise ValueError(f"world is {value!r}; it must be an object with 'name' and integer 'rules'")
+        """Read what :meth:`to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            If it is something else, or the world or one of its rules is impossible.
+        """
+        fields = value if isinstance(value, dict) else {}
+        name, rules = fields.get("name"), fields.get("rules")
+        if not isinstance(name, str) or not isinstance(rules, dict):
+            raise ValueError(f"world is {value!r}; it must be an object with 'name' and 'rules'")
         return cls(name, dict(rules))

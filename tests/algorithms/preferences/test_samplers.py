@@ -47,11 +47,12 @@ def test_a_correlated_gaussian_inside_the_support(sampler: Sampler) -> None:
 
     def log_density(points: FloatArray) -> FloatArray:
         centred = points - mean
-        return -0.5 * np.einsum("mi,ij,mj->m", centred, precision, centred)
+        log_density: FloatArray = -0.5 * np.einsum("mi,ij,mj->m", centred, precision, centred)
+        return log_density
 
     rng = np.random.default_rng(2)
     start = mean + rng.uniform(-3.0, 3.0, (4000, 2))
-    samples = sampler(log_density, prior, start, rng)
+    samples = sampler(log_density, prior, sampler(log_density, prior, start, rng), rng)
     np.testing.assert_allclose(samples.mean(axis=0), mean, atol=0.1)
     np.testing.assert_allclose(np.cov(samples.T), covariance, atol=0.12)
 

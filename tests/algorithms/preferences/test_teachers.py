@@ -129,7 +129,9 @@ def test_a_teacher_without_state_has_an_empty_one() -> None:
     teacher = LexicographicTeacher(("people_saved",), EMERGENCY)
     assert teacher.state_dict() == {}
     teacher.load_state_dict({})
-    with pytest.raises(ValueError, match=r"state has the keys \['rng'\]; this teacher keeps no state"):
+    with pytest.raises(
+        ValueError, match=r"state has the keys \['rng'\]; it must be empty for a stateless teacher"
+    ):
         teacher.load_state_dict({"rng": {}})
 
 

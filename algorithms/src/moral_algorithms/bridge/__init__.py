@@ -1,6 +1,19 @@
 """From the engine's reward vector to Stable-Baselines3's scalar reward."""
 
-from moral_algorithms.bridge.reward_vector import LearnedReward, PrimaryReward, RewardComponent, ScalarisedRewards
+from moral_algorithms.bridge.reward_vector import (
+    LearnedReward,
+    PrimaryReward,
+    RewardComponent,
+    ScalarisedRewards,
+)
 from moral_algorithms.bridge.vec_env import EngineVecEnv, Replay, Transitions
 
-__all__ = ["EngineVecEnv", "LearnedReward", "PrimaryReward", "Replay", "RewardComponent", "ScalarisedRewards", "Transitions"]
+__all__ = [
+    "EngineVecEnv",
+    "LearnedReward",
+    "PrimaryReward",
+    "Replay",
+    "RewardComponent",
+    "ScalarisedRewards",
+    "Transitions",
+]

@@ -21,7 +21,7 @@ class RewardComponent(Protocol):
     name: str
 
     def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
-        """Rewards of shape (n,) for a batch of n transitions."""
+        """Compute float32 rewards of shape (n,) for a batch of n transitions."""
         ...
 
 
@@ -35,7 +35,13 @@ class PrimaryReward:
     name
         Which of them.
     scale
-        What it is multiplied with, for instance one over the return of a policy that pursues it alone (eq. 5.2).
+        What it is multiplied with, for instance one over the return of a policy that pursues it alone
+        (eq. 5.2).
+
+    Raises
+    ------
+    ValueError
+        If there is no reward of that name.
     """
 
     def __init__(self, world_reward_names: Sequence[str], name: str, scale: float = 1.0) -> None:
@@ -46,7 +52,7 @@ class PrimaryReward:
         self._index = list(world_reward_names).index(name)
 
     def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
-        """Rewards of shape (n,)."""
+        """Compute rewards of shape (n,)."""
         rewards: NDArray[np.float32] = transitions.vector_rewards[:, self._index] * np.float32(self.scale)
         return rewards
 
@@ -59,7 +65,7 @@ class LearnedReward:
     name
         Its name in the reward vector.
     network
-        Maps two batches of states (n, C, H, W) to rewards (n,).
+        Maps two batches of uint8 states (n, C, H, W) to float32 rewards (n,), all on one device.
     scale
         What it is multiplied with, for instance one over the imitation policy's return (eq. 5.2).
     """
@@ -68,14 +74,14 @@ class LearnedReward:
         self.name = name
         self.network = network
         self.scale = scale
-        self._device = next(network.parameters()).device
 
     def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
-        """Rewards of shape (n,)."""
+        """Compute rewards of shape (n,)."""
+        device = next(self.network.parameters()).device
         with torch.no_grad():
             rewards = self.network(
-                torch.from_numpy(transitions.observations).to(self._device),
-                torch.from_numpy(transitions.next_observations).to(self._device),
+                torch.from_numpy(transitions.observations).to(device),
+                torch.from_numpy(transitions.next_observations).to(device),
             )
         array: NDArray[np.float32] = rewards.cpu().numpy() * np.float32(self.scale)
         return array
@@ -91,9 +97,13 @@ def require_weights(weights: ArrayLike, names: Sequence[str]) -> NDArray[np.floa
     """
     array = np.asarray(weights, dtype=np.float32)
     if array.shape != (len(names),):
-        raise ValueError(f"weights are {array.tolist()}; there must be {len(names)}, one for each of {tuple(names)}")
+        raise ValueError(
+            f"weights are {array.tolist()}; there must be {len(names)}, one for each of {tuple(names)}"
+        )
     if not np.isfinite(array).all() or (array < 0).any() or not array.any():
-        raise ValueError(f"weights are {array.tolist()}; they must be finite and not negative, and not all zero")
+        raise ValueError(
+            f"weights are {array.tolist()}; they must be finite and not negative, and not all zero"
+        )
     return array
 
 
@@ -105,9 +115,9 @@ class ScalarisedRewards(VecEnvWrapper):
     venv
         The environments.
     components
-        The reward vector, one component per weight.
+        The reward vector: components of different names, one per weight.
     weights
-        Scalarisation weights, shape (d,), not negative.
+        Scalarisation weights, shape (d,), not negative and not all zero.
 
     Attributes
     ----------
@@ -116,7 +126,13 @@ class ScalarisedRewards(VecEnvWrapper):
     rewards : float32 array of shape (n, d)
         The components at the last step.
     returns : float32 array of shape (n, d)
-        Undiscounted returns of the current episodes, the last step included.
+        Undiscounted returns of the current episodes, the last step included; of an ended episode until the
+        next step.
+
+    Raises
+    ------
+    ValueError
+        If two components share a name, or the weights do not fit the components.
     """
 
     venv: EngineVecEnv
@@ -124,6 +140,8 @@ class ScalarisedRewards(VecEnvWrapper):
     def __init__(self, venv: EngineVecEnv, components: Sequence[RewardComponent], weights: ArrayLike) -> None:
         super().__init__(venv)
         self.components = tuple(components)
+        if len(set(self.names)) != len(self.names):
+            raise ValueError(f"components are named {self.names}; every name must be another")
         self.weights = weights
         self.rewards = np.zeros((self.num_envs, len(self.components)), dtype=np.float32)
         self.returns = np.zeros_like(self.rewards)
@@ -136,6 +154,7 @@ class ScalarisedRewards(VecEnvWrapper):
 
     @property
     def weights(self) -> NDArray[np.float32]:
+        """Scalarisation weights, a copy of shape (d,)."""
         return self._weights.copy()
 
     @weights.setter
@@ -154,7 +173,9 @@ class ScalarisedRewards(VecEnvWrapper):
         transitions = self.venv.transitions
         assert transitions is not None
         for column, component in enumerate(self.components):
-            self.rewards[:, column] = component(transitions)
+            rewards = component(transitions)
+            assert rewards.shape == (self.num_envs,), f"{component.name}: {rewards.shape} is not (n,)"
+            self.rewards[:, column] = rewards
         self.returns[self._dones] = 0
         self.returns += self.rewards
         self._dones = dones
@@ -163,15 +184,26 @@ class ScalarisedRewards(VecEnvWrapper):
         return observations, self.rewards @ self._weights, dones, infos
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """The state of environments and running returns, for an exact continuation."""
+        """Copy the state of environments, returns and weights into arrays, for an exact continuation."""
         own = {"returns": self.returns.copy(), "dones": self._dones.copy(), "weights": self._weights.copy()}
         return {**{f"venv.{name}": value for name, value in self.venv.state_dict().items()}, **own}
 
     def load_state_dict(self, state: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
-        """Continue from a state; returns the observations that belong to it."""
-        self.returns = state["returns"].copy()
-        self._dones = state["dones"].copy()
-        self.weights = state["weights"]
+        """Continue from what :meth:`state_dict` returned.
+
+        Returns
+        -------
+        uint8 array of shape (n, C, H, W)
+            The observations from which it goes on.
+
+        Raises
+        ------
+        ValueError
+            If the state is of other environments or of another number of components.
+        """
         prefix = "venv."
         inner = {name[len(prefix) :]: value for name, value in state.items() if name.startswith(prefix)}
-        return self.venv.load_state_dict(inner)
+        weights = require_weights(state["weights"], self.names)
+        observations = self.venv.load_state_dict(inner)
+        self.returns, self._dones, self._weights = state["returns"].copy(), state["dones"].copy(), weights
+        return observations

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from moral_envs.engine import Engine
-from moral_envs.streams import spawn_streams
-from moral_envs.world import NUM_ACTIONS, World
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+from moral_envs.engine import Engine
+from moral_envs.streams import spawn_streams
+from moral_envs.world import NUM_ACTIONS, World
 
 
 class Transitions(NamedTuple):
@@ -38,12 +39,12 @@ class Replay(NamedTuple):
     """Shape (T, n_agents)."""
 
     def to_json(self) -> dict[str, str]:
-        """The stream in hexadecimal; the actions as one digit each, agents of a step side by side."""
+        """Write the stream in hexadecimal and one digit per action, agents of a step side by side."""
         return {"stream": f"{self.stream:016x}", "actions": "".join(map(str, self.actions.ravel().tolist()))}
 
     @classmethod
     def from_json(cls, value: dict[str, str], num_agents: int = 1) -> Replay:
-        """The episode that :meth:`to_json` wrote."""
+        """Read what :meth:`to_json` wrote, of an episode of ``num_agents`` agents."""
         digits = np.array([int(digit) for digit in value["actions"]], dtype=np.uint8)
         return cls(int(value["stream"], 16), digits.reshape(-1, num_agents))
 
@@ -51,10 +52,11 @@ class Replay(NamedTuple):
 class EngineVecEnv(VecEnv):
     """A batch of environments for Stable-Baselines3, each agent one of its environments.
 
-    Its scalar reward is the plain sum of the reward vector; :class:`~moral_algorithms.bridge.ScalarisedRewards`
-    puts weights in its place. Every info has a ``vector_reward``, float32 of shape (k,). The horizon is a
-    truncation: the info of an ended episode also carries ``terminal_observation`` and ``TimeLimit.truncated``, so
-    that value estimates bootstrap there, the final ``objectives`` and a ``replay`` (:class:`Replay`).
+    Its scalar reward is the plain sum of the reward vector, where
+    :class:`~moral_algorithms.bridge.ScalarisedRewards` puts weights. Every info has a ``vector_reward``,
+    float32 of shape (k,). The horizon is a truncation: the info of an ended episode also carries
+    ``terminal_observation`` and ``TimeLimit.truncated``, so that value estimates bootstrap there, the final
+    ``objectives``, int64 of shape (m,), and a ``replay`` (:class:`Replay`).
 
     Parameters
     ----------
@@ -67,12 +69,19 @@ class EngineVecEnv(VecEnv):
     team_reward
         Pay every agent the sum over all agents.
     seed
-        Entropy of the environments' random streams; None takes it from the operating system.
+        Entropy of the environments' random streams, from the first reset on; None takes it from the
+        operating system.
 
     Attributes
     ----------
     transitions : Transitions or None
-        The last step, for wrappers that compute rewards on the whole batch.
+        The last step since the last reset, for wrappers that compute rewards on the whole batch. Its arrays
+        are shared: read them, do not change them.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range, or agents and objects do not fit into the world.
     """
 
     def __init__(
@@ -92,7 +101,6 @@ class EngineVecEnv(VecEnv):
         self._actions = np.zeros((num_envs, num_agents), dtype=np.int64)
         self._history = np.zeros((world.horizon, num_envs, num_agents), dtype=np.uint8)
         self._starts = self.engine.streams.copy()
-        self.engine.reset()
         self._observations = self._observe()
 
     @property
@@ -113,7 +121,10 @@ class EngineVecEnv(VecEnv):
         return self._observations.copy()
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Keep the actions, shape (n,), for ``step_wait``."""
+        """Keep the actions, integers of shape (n,), for ``step_wait``."""
+        actions = np.asarray(actions)
+        assert actions.shape == (self.num_envs,), f"actions {actions.shape} are not ({self.num_envs},)"
+        assert actions.dtype.kind in "iu", f"actions are {actions.dtype}, not integers"
         self._actions = actions.astype(np.int64).reshape(self.engine.num_envs, self.engine.num_agents)
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -141,16 +152,31 @@ class EngineVecEnv(VecEnv):
         return self._observations.copy(), vector_rewards.sum(axis=1), dones, infos
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """The state of the engine and of the replays, for an exact continuation."""
-        own = {"starts": self._starts.copy(), "history": self._history.copy()}
+        """Copy the state of the engine and of the replays into arrays, for an exact continuation."""
+        own: dict[str, NDArray[Any]] = {"starts": self._starts.copy(), "history": self._history.copy()}
         return {**{f"engine.{name}": value for name, value in self.engine.state_dict().items()}, **own}
 
     def load_state_dict(self, state: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
-        """Continue from a state; returns the observations that belong to it."""
+        """Continue from what :meth:`state_dict` returned, of as many environments and agents of this world.
+
+        Returns
+        -------
+        uint8 array of shape (n, C, H, W)
+            The observations from which it goes on.
+
+        Raises
+        ------
+        ValueError
+            If the state is of other environments.
+        """
         prefix = "engine."
         engine = {name[len(prefix) :]: value for name, value in state.items() if name.startswith(prefix)}
+        shape = state["history"].shape
+        if shape != self._history.shape:
+            raise ValueError(f"state['history'] has shape {shape}; it must be {self._history.shape}")
         self.engine.load_state_dict(engine)
         self._starts, self._history = state["starts"].copy(), state["history"].copy()
+        self.transitions = None
         self._observations = self._observe()
         return self._observations.copy()
 
@@ -158,7 +184,7 @@ class EngineVecEnv(VecEnv):
         """Nothing to release."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """The same attribute for every row: rows share one engine."""
+        """Return the same attribute for every row: rows share one engine."""
         return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:

@@ -1,12 +1,13 @@
 """Adversarial inverse reinforcement learning: a reward network from demonstrations (thesis, algorithm 3).
 
-Two networks play against each other. The discriminator D = exp(f) / (exp(f) + pi) (eq. 3.9) tells demonstrated
-transitions from the policy's own; the policy is trained by PPO on the reward f. What the entropy term of
-``log D - log(1 - D) = f - log pi`` asks for is left to PPO's entropy bonus.
+Two networks play against each other. The discriminator D = exp(f) / (exp(f) + pi) (eq. 3.9) tells
+demonstrated transitions from the policy's own; the policy is trained by PPO on the reward f. What the entropy
+term of ``log D - log(1 - D) = f - log pi`` asks for is left to PPO's entropy bonus.
 
-What it needs to work, beside a bootstrap at the horizon and rewards rescaled by the spread of returns: a generous
-entropy bonus, without which the policy runs after every ripple of f and the discriminator after the policy; and an
-average of the discriminator's weights over training, which is what is returned as the learned reward.
+What it needs to work, beside a bootstrap at the horizon and rewards rescaled by the spread of returns: a
+generous entropy bonus, without which the policy runs after every ripple of f and the discriminator after the
+policy; and an average of the discriminator's weights over training, which is what is returned as the learned
+reward.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.utils import get_device
 from torch.nn import functional
 
 from moral_algorithms.bridge import EngineVecEnv, LearnedReward, ScalarisedRewards, Transitions
@@ -35,7 +37,7 @@ from moral_algorithms.learners.ppo import (
     sampling_seed,
     standard_callbacks,
 )
-from moral_algorithms.networks.rewards import ShapedRewardNetwork
+from moral_algorithms.networks.rewards import REWARD_ARCHITECTURES, ShapedRewardNetwork
 
 
 @dataclass(frozen=True)
@@ -56,13 +58,19 @@ class AIRLConfig:
     """Memory, per gradient step, of the average of the discriminator's weights that becomes the reward."""
     normaliser_episodes: int = 200
     """Episodes of the imitation policy over which its return is averaged (eq. 5.2)."""
-    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.2, entropy_end=0.2))
+    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.3, entropy_end=0.3))
     """Hyperparameters of PPO."""
 
     def __post_init__(self) -> None:
+        if self.architecture not in REWARD_ARCHITECTURES:
+            known = sorted(REWARD_ARCHITECTURES)
+            raise ValueError(f"architecture is {self.architecture!r}; it must be one of {known}")
         for name in ("steps", "discriminator_updates", "discriminator_batch", "normaliser_episodes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
+        if not self.discriminator_learning_rate > 0:
+            rate = self.discriminator_learning_rate
+            raise ValueError(f"discriminator_learning_rate is {rate}; it must be positive")
         if not 0 <= self.averaging < 1:
             raise ValueError(f"averaging is {self.averaging}; it must be at least 0 and below 1")
 
@@ -110,7 +118,7 @@ def train_airl(
     channels, height, width = engine.engine.observation_shape
     with sampling_seed(seed):
         network = ShapedRewardNetwork((channels, height, width), config.architecture, config.ppo.gamma)
-    component = LearnedReward("imitate", network.to(device))
+    component = LearnedReward("imitate", network.to(get_device(device)))
     venv = ScalarisedRewards(engine, [component], [1.0])
     model = make_ppo(config.ppo, venv, seed, device, tensorboard)
     discriminator = Discriminator(engine, network, demonstrations, config, seed)
@@ -146,6 +154,10 @@ def episode_returns(network: ShapedRewardNetwork, states: NDArray[np.uint8]) -> 
             now, after = (torch.from_numpy(states[:, step + i].copy()).to(device) for i in (0, 1))
             total += network(now, after).cpu().numpy()
     return total
+
+
+# States (n, C, H, W), actions (n,) and next states.
+_Sample = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
 
 class Discriminator(BaseCallback):
@@ -184,7 +196,9 @@ class Discriminator(BaseCallback):
         self.averaged = copy.deepcopy(network)
         self._config = config
         self._rng = np.random.default_rng(seed)
-        self._optimiser = torch.optim.Adam(network.parameters(), lr=config.discriminator_learning_rate, fused=True)
+        self._optimiser = torch.optim.Adam(
+            network.parameters(), lr=config.discriminator_learning_rate, fused=True
+        )
         self._demonstrations = demonstrations
         self._rollout: list[Transitions] = []
 
@@ -194,57 +208,76 @@ class Discriminator(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
+        assert isinstance(self.model, PPO)
         config = self._config
         remaining = max(1 - self.num_timesteps / config.steps, 0.02)
         for group in self._optimiser.param_groups:
             group["lr"] = config.discriminator_learning_rate * remaining
-        accuracies = [self._update() for _ in range(config.discriminator_updates)]
+        updates, batch = config.discriminator_updates, config.discriminator_batch
+        policy, demonstrations = (
+            self._sample_policy(updates * batch),
+            self._sample_demonstrations(updates * batch),
+        )
+        self._rollout = []
+        accuracies = [
+            self._update(
+                *(
+                    torch.cat([fake[part], real[part]])
+                    for fake, real in zip(policy, demonstrations, strict=True)
+                )
+            )
+            for part in (slice(start, start + batch) for start in range(0, updates * batch, batch))
+        ]
         fake, real = np.mean(accuracies, axis=0)
         self.logger.record("airl/fake_accuracy", fake)
         self.logger.record("airl/real_accuracy", real)
-        self._rollout = []
 
-    def _update(self) -> tuple[float, float]:
-        """One gradient step; returns the accuracies on the policy's and on the demonstrated transitions."""
-        batch = self._config.discriminator_batch
-        states, actions, next_states = (
-            torch.from_numpy(np.concatenate(pair)).to(self.model.device)
-            for pair in zip(self._sample_policy(batch), self._sample_demonstrations(batch), strict=True)
-        )
-        assert isinstance(self.model, PPO)
-        with torch.no_grad():
-            _, log_probabilities, _ = self.model.policy.evaluate_actions(states.float(), actions)
+    def _update(
+        self, states: torch.Tensor, next_states: torch.Tensor, log_probabilities: torch.Tensor
+    ) -> tuple[float, float]:
+        """Take one gradient step on a batch whose first half is the policy's, whose second half is demonstrated.
+
+        Returns the accuracies on the two halves.
+        """
         # D = exp(f) / (exp(f) + pi), so its logit is f - log pi.
         logits = self._network(states, next_states) - log_probabilities
+        half = len(logits) // 2
         labels = torch.zeros_like(logits)
-        labels[batch:] = 1
+        labels[half:] = 1
         loss = functional.binary_cross_entropy_with_logits(logits, labels)
         self._optimiser.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         self._optimiser.step()
         with torch.no_grad():
             for mean, current in zip(self.averaged.parameters(), self._network.parameters(), strict=True):
                 mean.lerp_(current, 1 - self._config.averaging)
-            demonstrated = logits > 0
-            fake, real = (~demonstrated[:batch]).float().mean(), demonstrated[batch:].float().mean()
-        return float(fake), float(real)
+            correct = (logits > 0) == (labels > 0)
+        return float(correct[:half].float().mean()), float(correct[half:].float().mean())
 
-    def _sample_policy(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.uint8]]:
-        steps = self._rng.integers(len(self._rollout), size=count)
-        rows = self._rng.integers(self._venv.num_envs, size=count)
-        picked = [(self._rollout[step], row) for step, row in zip(steps, rows, strict=True)]
+    def _sample_policy(self, count: int) -> _Sample:
+        """Draw states, next states and log-probabilities of actions from the last rollout."""
+        assert isinstance(self.model, PPO)
+        device = self.model.device
+        states = np.stack([step.observations for step in self._rollout])
+        next_states = np.stack([step.next_observations for step in self._rollout])
+        # They are the current policy's: it has not been updated since.
+        log_probabilities = self.model.rollout_buffer.log_probs
+        taken = tuple(self._rng.integers(bound, size=count) for bound in log_probabilities.shape)
         return (
-            np.stack([transitions.observations[row] for transitions, row in picked]),
-            np.array([transitions.actions[row] for transitions, row in picked]),
-            np.stack([transitions.next_observations[row] for transitions, row in picked]),
+            torch.from_numpy(states[taken]).to(device),
+            torch.from_numpy(next_states[taken]).to(device),
+            torch.from_numpy(log_probabilities[taken]).to(device),
         )
 
-    def _sample_demonstrations(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.uint8]]:
-        demonstrations = self._demonstrations
+    def _sample_demonstrations(self, count: int) -> _Sample:
+        """Draw the same from the demonstrations; the log-probabilities are the current policy's."""
+        assert isinstance(self.model, PPO)
+        demonstrations, device = self._demonstrations, self.model.device
         episodes = self._rng.integers(demonstrations.num_episodes, size=count)
         steps = self._rng.integers(demonstrations.actions.shape[1], size=count)
-        return (
-            demonstrations.states[episodes, steps],
-            demonstrations.actions[episodes, steps].astype(np.int64),
-            demonstrations.states[episodes, steps + 1],
-        )
+        states = torch.from_numpy(demonstrations.states[episodes, steps]).to(device)
+        next_states = torch.from_numpy(demonstrations.states[episodes, steps + 1]).to(device)
+        actions = torch.from_numpy(demonstrations.actions[episodes, steps].astype(np.int64)).to(device)
+        with torch.no_grad():
+            _, log_probabilities, _ = self.model.policy.evaluate_actions(states.float(), actions)
+        return states, next_states, log_probabilities

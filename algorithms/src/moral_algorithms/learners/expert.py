@@ -29,8 +29,15 @@ class ExpertConfig:
     """Windows without a better mean return after which training ends."""
     tolerance: float = 0.005
     """What counts as better: this fraction of the best mean return."""
-    ppo: PPOConfig = field(default_factory=PPOConfig)
-    """Hyperparameters of PPO."""
+    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.02, entropy_end=0.4))
+    """Hyperparameters of PPO. The entropy bonus grows, so that what does not matter is left to chance."""
+
+    def __post_init__(self) -> None:
+        for name in ("max_steps", "window", "patience"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
+        if not self.tolerance >= 0:
+            raise ValueError(f"tolerance is {self.tolerance}; it must not be negative")
 
 
 class Expert(NamedTuple):
@@ -86,7 +93,15 @@ def train_expert(
 
 
 class StopWhenConverged(BaseCallback):
-    """Ends training when the mean return has stopped growing."""
+    """Ends training when the mean return has stopped growing.
+
+    Parameters
+    ----------
+    weights
+        Scalarisation weights of the returns, shape (d,).
+    config
+        Window, patience and tolerance.
+    """
 
     def __init__(self, weights: NDArray[np.float32], config: ExpertConfig) -> None:
         super().__init__()
@@ -99,7 +114,8 @@ class StopWhenConverged(BaseCallback):
 
     def _on_step(self) -> bool:
         if self.locals["dones"].any():
-            self._returns += [float(i["returns"] @ self._weights) for i in self.locals["infos"] if "returns" in i]
+            ended = [info["returns"] for info in self.locals["infos"] if "returns" in info]
+            self._returns += (np.array(ended) @ self._weights).tolist()
         if self.num_timesteps < self._window_end or not self._returns:
             return True
         self._window_end = self.num_timesteps + self._config.window

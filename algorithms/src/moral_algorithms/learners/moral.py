@@ -1,12 +1,12 @@
-"""MORAL: train under weights that are learned from pairwise preferences meanwhile (thesis, algorithms 1 and 5).
+"""MORAL: train under weights that are meanwhile learned from preferences (thesis, algorithms 1 and 5).
 
-The reward vector holds primary components, read from the environment, and learned ones, one per expert. PPO trains
-under the posterior mean of the weights. At even intervals the most informative of many random pairs of recent
-on-policy episodes is shown to the teacher; the answer updates the posterior, the weights are replaced, and training
-goes on.
+The reward vector holds primary components, read from the environment, and learned ones, one per expert. PPO
+trains under the posterior mean of the weights. At even intervals the most informative of many random pairs of
+recent on-policy episodes is shown to the teacher; the answer updates the posterior, the weights are replaced,
+and training goes on.
 
-An answer is on the disk before it counts, and a checkpoint follows it. After a crash training goes on from the last
-checkpoint; queries that were answered since are not asked again.
+An answer is on the disk before it counts, and a checkpoint follows it. After a crash training goes on from
+the last checkpoint; queries that were answered since are not asked again.
 """
 
 from __future__ import annotations
@@ -47,11 +47,14 @@ from moral_algorithms.preferences import (
     RationalityPrior,
     Teacher,
 )
-from moral_algorithms.run_directory import RunDirectory, append_line, read_lines
-from moral_algorithms.storage import StorageError, read_tensors, write_tensors
+from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, write_lines
+from moral_algorithms.storage import StorageError, first_line, read_tensors, write_tensors
 from moral_algorithms.worlds import WorldSpec
 
-PRIORS: dict[str, type[RationalityPrior] | type[BallPrior]] = {"rationality": RationalityPrior, "ball": BallPrior}
+PRIORS: dict[str, type[RationalityPrior] | type[BallPrior]] = {
+    "rationality": RationalityPrior,
+    "ball": BallPrior,
+}
 """Priors over the weights, by name."""
 
 LIKELIHOODS: dict[str, type[BradleyTerry] | type[ExponentialProxy]] = {
@@ -76,8 +79,8 @@ class MoralConfig:
     """Part of the training over which the queries are spread evenly; the rest goes to the final weights."""
     candidates: int = 2000
     """Random pairs of recent episodes from which each query is chosen."""
-    acquisition: str = "mutual_information"
-    """How: mutual_information, volume_removal, expected_regret or random."""
+    acquisition: str = "expected_regret"
+    """How: expected_regret, mutual_information, volume_removal or random."""
     prior: str = "rationality"
     """Prior over the weights: rationality (infers the teacher's) or ball (thesis eq. 4.4)."""
     likelihood: str = "bradley_terry"
@@ -88,11 +91,16 @@ class MoralConfig:
     """Samples of the posterior."""
     checkpoint_every: int = 20
     """Rollouts between checkpoints after the last query; before, every answer is followed by one."""
-    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.05, entropy_end=0.0))
+    ppo: PPOConfig = field(
+        default_factory=lambda: PPOConfig(
+            batch_size=800, epochs=5, gae_lambda=0.9, entropy_start=0.05, entropy_end=0.0
+        )
+    )
     """Hyperparameters of PPO."""
 
     def __post_init__(self) -> None:
-        for name, minimum in (("steps", 1), ("queries", 0), ("candidates", 1), ("checkpoint_every", 1)):
+        minima = {"steps": 1, "queries": 0, "candidates": 1, "samples": 2, "checkpoint_every": 1}
+        for name, minimum in minima.items():
             if getattr(self, name) < minimum:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be at least {minimum}")
         if not 0 < self.query_span <= 1:
@@ -137,7 +145,8 @@ def train_moral(
     world
         Where it acts.
     components
-        The reward vector, normalised so that the return of a policy that pursues one component alone is about one.
+        The reward vector, normalised so that the return of a policy that pursues one component alone is about
+        one.
     teacher
         Answers the queries.
     config
@@ -173,7 +182,7 @@ def train_moral(
 
 
 def make_posterior(config: MoralConfig, dim: int, rng: np.random.Generator) -> Posterior:
-    """The posterior that a configuration asks for, before any answer."""
+    """Make the posterior over ``dim`` weights that a configuration asks for, before any answer."""
     prior: Prior = PRIORS[config.prior](dim)
     rationality = _FIXED_RATIONALITY if config.prior == "ball" else 1.0
     likelihood: Likelihood = LIKELIHOODS[config.likelihood](rationality)
@@ -226,10 +235,23 @@ class PreferenceLearner(BaseCallback):
         self._rollouts = 0
 
     def restore(self, model: PPO) -> None:
-        """Go on from the last checkpoint, if there is one, and from the queries answered since."""
-        self._answered = read_lines(self._directory.queries)
-        if not self._directory.checkpoint.exists():
-            return
+        """Go on from the last checkpoint, if there is one, and from the queries answered since.
+
+        Raises
+        ------
+        StorageError
+            If what is in the run directory is damaged or of another run.
+        """
+        self._answered = _read_answers(self._directory.queries)
+        if self._directory.checkpoint.exists():
+            self._load_checkpoint(model)
+        # Training goes through the rollouts after the checkpoint once more, and writes their lines again.
+        lines = read_lines(self._directory.metrics)
+        kept = [line for line in lines if line["env_steps"] <= model.num_timesteps]
+        if len(kept) < len(lines):
+            write_lines(self._directory.metrics, kept)
+
+    def _load_checkpoint(self, model: PPO) -> None:
         arrays, metadata = read_tensors(self._directory.checkpoint, "moral-checkpoint")
         try:
             load_ppo_state(model, arrays, metadata["ppo"])
@@ -239,12 +261,25 @@ class PreferenceLearner(BaseCallback):
             )
             self._rng.bit_generator.state = metadata["candidates"]
             self._teacher.load_state_dict(metadata["teacher"])
+            self._monitor.means = metadata["objectives"]
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
-            raise StorageError(f"{self._directory.checkpoint} does not fit this run: {error}") from error
+            reason = first_line(error)
+            raise StorageError(f"{self._directory.checkpoint} does not fit this run: {reason}") from error
         self._monitor.queries = self._posterior.num_queries
+        if len(self._answered) < self._posterior.num_queries:
+            raise StorageError(
+                f"{self._directory.queries} has {len(self._answered)} answers; "
+                f"the checkpoint has {self._posterior.num_queries}"
+            )
 
     def save(self, model: PPO) -> None:
-        """Write a checkpoint."""
+        """Write a checkpoint.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be written; the last one is untouched then.
+        """
         arrays, ppo = ppo_state(model)
         posterior = self._posterior.state_dict()
         arrays["posterior.returns"] = posterior.pop("returns")
@@ -255,21 +290,22 @@ class PreferenceLearner(BaseCallback):
             "posterior": posterior,
             "candidates": self._rng.bit_generator.state,
             "teacher": self._teacher.state_dict(),
+            "objectives": self._monitor.means,
         }
         write_tensors(self._directory.checkpoint, arrays, metadata)
 
     def _on_step(self) -> bool:
-        if self.locals["dones"].any():
+        if self._asking and self.locals["dones"].any():
             self._episodes += [info for info in self.locals["infos"] if "returns" in info]
         return True
 
     def _on_rollout_start(self) -> None:
         assert isinstance(self.model, PPO)
-        due = self._posterior.num_queries < self._config.queries and self.num_timesteps >= self._next_query_step()
-        if due and len(self._episodes) > 1:
-            self._ask()
-            self.save(self.model)
-        elif self._posterior.num_queries == self._config.queries:
+        if self._asking:
+            if self.num_timesteps >= self._next_query_step() and len(self._episodes) > 1:
+                self._ask()
+                self.save(self.model)
+        else:
             self._rollouts += 1
             if self._rollouts % self._config.checkpoint_every == 0:
                 self.save(self.model)
@@ -285,6 +321,10 @@ class PreferenceLearner(BaseCallback):
             "objectives": self._monitor.means,
         }
         append_line(self._directory.metrics, line)
+
+    @property
+    def _asking(self) -> bool:
+        return self._posterior.num_queries < self._config.queries
 
     def _next_query_step(self) -> float:
         interval = self._config.query_span * self._config.steps / self._config.queries
@@ -331,3 +371,20 @@ class PreferenceLearner(BaseCallback):
             "episodes": [episode["replay"].to_json() for episode in pair],
         }
         return query, record
+
+
+def _read_answers(path: Path) -> list[dict[str, Any]]:
+    """Read the answered queries, checked: a damaged one must not come to light in the middle of training."""
+    answers = read_lines(path)
+    for number, record in enumerate(answers):
+        try:
+            Query(np.array(record["returns"]), np.array(record["objectives"]))
+            Preference(record["preference"])
+            valid = record["query"] == number and isinstance(record["teacher"], dict)
+        except (KeyError, TypeError, ValueError):
+            valid = False
+        if not valid:
+            raise StorageError(
+                f"{path} is damaged in line {number + 1}: it is not the answer to query {number}"
+            )
+    return answers

@@ -52,15 +52,19 @@ class PPOConfig:
     def __post_init__(self) -> None:
         if self.policy not in POLICIES:
             raise ValueError(f"policy is {self.policy!r}; it must be one of {sorted(POLICIES)}")
-        for name in ("num_envs", "rollout_steps", "batch_size", "epochs"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
+        # PPO normalises the advantages of a batch, which takes two.
+        for name, minimum in (("num_envs", 1), ("rollout_steps", 2), ("batch_size", 2), ("epochs", 1)):
+            if getattr(self, name) < minimum:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least {minimum}")
         for name in ("gamma", "gae_lambda"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be 0 to 1")
         for name in ("learning_rate", "clip_range"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be positive")
+        for name in ("entropy_start", "entropy_end"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must not be negative")
 
 
 class Progress(NamedTuple):
@@ -80,12 +84,16 @@ OnProgress = Callable[[Progress], None]
 
 
 def make_ppo(
-    config: PPOConfig, venv: ScalarisedRewards, seed: int, device: str = "cpu", tensorboard: Path | None = None
+    config: PPOConfig,
+    venv: ScalarisedRewards,
+    seed: int,
+    device: str = "cpu",
+    tensorboard: Path | None = None,
 ) -> PPO:
     """PPO on scalarised rewards.
 
-    Rewards are divided by the running spread of returns: otherwise the value loss of learned rewards, which are
-    neither small nor centred, starves the policy through gradient clipping.
+    Rewards are divided by the running spread of returns: otherwise the value loss of learned rewards, which
+    are neither small nor centred, starves the policy through gradient clipping.
 
     Parameters
     ----------
@@ -127,7 +135,7 @@ def _formats(tensorboard: Path | None) -> list[str]:
 def standard_callbacks(
     config: PPOConfig, total_steps: int, objective_names: Sequence[str], on_progress: OnProgress | None
 ) -> list[BaseCallback]:
-    """What every learner's training needs: bootstrapping, the entropy schedule and a look at the objectives."""
+    """Make what every learner needs: the bootstrap, the entropy schedule and a look at the objectives."""
     return [
         BatchedBootstrap(),
         EntropySchedule(config.entropy_start, config.entropy_end, total_steps),
@@ -149,7 +157,7 @@ class BatchedBootstrap(BaseCallback):
             assert isinstance(self.model, PPO)
             last = np.stack([infos[row]["terminal_observation"] for row in rows])
             with torch.no_grad():
-                values = self.model.policy.predict_values(obs_as_tensor(last, self.model.device))  # type: ignore[arg-type]
+                values = self.model.policy.predict_values(obs_as_tensor(last, self.model.device))
             self.locals["rewards"][rows] += self.model.gamma * values.cpu().numpy()[:, 0]
             for row in rows:
                 infos[row]["TimeLimit.truncated"] = False
@@ -157,7 +165,7 @@ class BatchedBootstrap(BaseCallback):
 
 
 class EntropySchedule(BaseCallback):
-    """Moves the weight of the entropy bonus linearly from ``start`` to ``end``."""
+    """Moves the weight of the entropy bonus linearly from ``start`` to ``end`` in ``total_steps`` steps."""
 
     def __init__(self, start: float, end: float, total_steps: int) -> None:
         super().__init__()
@@ -173,7 +181,24 @@ class EntropySchedule(BaseCallback):
 
 
 class ObjectiveMonitor(BaseCallback):
-    """Logs the mean ground-truth counters of finished episodes; no learner sees them."""
+    """Logs the mean ground-truth counters of finished episodes; no learner sees them.
+
+    Parameters
+    ----------
+    names
+        The objectives, in the order of the counters.
+    total_steps
+        Environment steps at the end, for the progress.
+    on_progress
+        Called after every rollout.
+
+    Attributes
+    ----------
+    means : dict of str to float
+        Mean counters, by name, of the episodes that ended in the last rollout that had some.
+    queries : int
+        Queries answered so far; who asks them keeps it up to date.
+    """
 
     def __init__(self, names: Sequence[str], total_steps: int, on_progress: OnProgress | None) -> None:
         super().__init__()
@@ -208,22 +233,23 @@ def sampling_seed(seed: int) -> Iterator[None]:
 
 
 def ppo_state(model: PPO) -> tuple[Arrays, dict[str, Any]]:
-    """All that PPO needs to go on exactly, between two rollouts, as arrays and JSON-able values."""
+    """Copy all that PPO needs to go on exactly, between two rollouts, as arrays and JSON-able values."""
     arrays: Arrays = {f"policy.{name}": _array(tensor) for name, tensor in model.policy.state_dict().items()}
     optimiser = model.policy.optimizer.state_dict()
     for index, entries in optimiser["state"].items():
         for name, tensor in entries.items():
             arrays[f"optimiser.{index}.{name}"] = _array(tensor)
-    scaled = model.get_env()
-    assert isinstance(scaled, VecNormalize) and isinstance(scaled.venv, ScalarisedRewards)
-    arrays |= {f"venv.{name}": value for name, value in scaled.venv.state_dict().items()}
+    scaled, scalarised = _environments(model)
+    arrays |= {f"venv.{name}": value for name, value in scalarised.state_dict().items()}
     statistics = scaled.ret_rms
     arrays["scale.returns"] = scaled.returns.copy()
-    arrays["scale.statistics"] = np.array([statistics.mean, statistics.var, statistics.count], dtype=np.float64)
+    arrays["scale.statistics"] = np.array([statistics.mean, statistics.var, statistics.count])
     assert model._last_episode_starts is not None
     arrays["episode_starts"] = np.asarray(model._last_episode_starts).copy()
     # SB3 samples actions from PyTorch's global generator and shuffles batches with NumPy's.
     arrays["random.torch"] = _array(torch.get_rng_state())
+    if model.device.type == "cuda":
+        arrays["random.cuda"] = _array(torch.cuda.get_rng_state(model.device))
     name, keys, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002
     arrays["random.numpy"] = np.asarray(keys)
     metadata = {
@@ -235,25 +261,39 @@ def ppo_state(model: PPO) -> tuple[Arrays, dict[str, Any]]:
 
 
 def load_ppo_state(model: PPO, arrays: Arrays, metadata: dict[str, Any]) -> None:
-    """Continue from what :func:`ppo_state` returned, in a model made with the same configuration."""
+    """Continue from what :func:`ppo_state` returned, in a model made with the same configuration.
+
+    PyTorch's and NumPy's global generators continue, too: SB3 draws from them.
+
+    Raises
+    ------
+    KeyError, ValueError, RuntimeError
+        If the state is of another model.
+    """
     policy = {name: torch.from_numpy(value) for name, value in _under(arrays, "policy.").items()}
     model.policy.load_state_dict(policy)
     optimiser = model.policy.optimizer.state_dict()
+    parameters = [p for group in model.policy.optimizer.param_groups for p in group["params"]]
     entries: dict[int, dict[str, torch.Tensor]] = {}
     for key, value in _under(arrays, "optimiser.").items():
         index, name = key.split(".", 1)
-        entries.setdefault(int(index), {})[name] = torch.from_numpy(value)
+        tensor, parameter = torch.from_numpy(value), parameters[int(index)]
+        if tensor.shape == parameter.shape:
+            # The fused optimiser walks through memory: moments must lie there as their parameter does.
+            tensor = torch.empty_like(parameter).copy_(tensor)
+        entries.setdefault(int(index), {})[name] = tensor
     model.policy.optimizer.load_state_dict({**optimiser, "state": entries})
-    scaled = model.get_env()
-    assert isinstance(scaled, VecNormalize) and isinstance(scaled.venv, ScalarisedRewards)
-    model._last_obs = scaled.venv.load_state_dict(_under(arrays, "venv."))
+    scaled, scalarised = _environments(model)
+    model._last_obs = scalarised.load_state_dict(_under(arrays, "venv."))
     scaled.returns = arrays["scale.returns"].copy()
-    mean, variance, count = arrays["scale.statistics"].tolist()
-    scaled.ret_rms.mean, scaled.ret_rms.var, scaled.ret_rms.count = np.float64(mean), np.float64(variance), count
+    mean, variance, count = arrays["scale.statistics"]
+    scaled.ret_rms.mean, scaled.ret_rms.var, scaled.ret_rms.count = np.array(mean), np.array(variance), count
     model._last_episode_starts = arrays["episode_starts"].copy()
     model.num_timesteps = int(metadata["num_timesteps"])
     model._n_updates = int(metadata["n_updates"])
     torch.set_rng_state(torch.from_numpy(arrays["random.torch"]))
+    if model.device.type == "cuda":
+        torch.cuda.set_rng_state(torch.from_numpy(arrays["random.cuda"]), model.device)
     name, position, has_gauss, gauss = metadata["numpy_random"]
     np.random.set_state((name, arrays["random.numpy"], position, has_gauss, gauss))  # noqa: NPY002
 
@@ -264,6 +304,13 @@ def learn(model: PPO, total_steps: int, callbacks: Sequence[BaseCallback]) -> No
         model.learn(total_steps, callback=list(callbacks))
     elif model.num_timesteps < total_steps:
         model.learn(total_steps - model.num_timesteps, callback=list(callbacks), reset_num_timesteps=False)
+
+
+def _environments(model: PPO) -> tuple[VecNormalize, ScalarisedRewards]:
+    scaled = model.get_env()
+    assert isinstance(scaled, VecNormalize)
+    assert isinstance(scaled.venv, ScalarisedRewards)
+    return scaled, scaled.venv
 
 
 def _array(tensor: torch.Tensor) -> NDArray[Any]:

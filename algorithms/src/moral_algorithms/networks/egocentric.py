@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-WALL_PLANE = 0
+# Walls are on plane 0 and the agent on plane 1 in every world (World.plane_names).
 AGENT_PLANE = 1
 
 
@@ -15,7 +15,7 @@ class EgocentricCrop(nn.Module):
     Parameters
     ----------
     shape
-        Shape (C, H, W) of an observation of one agent in a walled grid.
+        Shape (C, H, W) of an observation in a walled grid: walls on plane 0, the agent on plane 1.
     radius
         Cells seen in each direction.
 
@@ -57,6 +57,8 @@ class EgocentricCrop(nn.Module):
         -------
         float32 tensor of shape (n, size)
         """
-        assert observations.shape[1:] == self.shape, f"{tuple(observations.shape)} is not (n, {self.shape})"
-        agents = (observations[:, AGENT_PLANE].flatten(1) @ self.cells).long()
+        assert observations.shape[1:] == self.shape, f"{tuple(observations.shape)} is not (n, *{self.shape})"
+        # A product finds the agent faster than argmax does, but bfloat16 cannot tell cells beyond 256 apart.
+        with torch.autocast(observations.device.type, enabled=False):
+            agents = (observations[:, AGENT_PLANE].flatten(1) @ self.cells).long()
         return observations.flatten(1).gather(1, self.sources[agents])

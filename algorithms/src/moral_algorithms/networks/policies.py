@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -32,7 +33,7 @@ class EgocentricFeatures(BaseFeaturesExtractor):
         channels, height, width = observation_space.shape
         self.crop = EgocentricCrop((channels, height, width), radius)
         layers: list[nn.Module] = []
-        for inputs, outputs in zip((self.crop.size, *hidden), hidden, strict=False):
+        for inputs, outputs in pairwise((self.crop.size, *hidden)):
             layers += [nn.Linear(inputs, outputs), nn.ReLU()]
         self.layers = nn.Sequential(*layers)
 
@@ -44,9 +45,21 @@ class EgocentricFeatures(BaseFeaturesExtractor):
 
 
 class EgocentricPolicy(ActorCriticPolicy):
-    """Actor and critic as linear heads on shared :class:`EgocentricFeatures`."""
+    """Actor and critic as linear heads on shared :class:`EgocentricFeatures`.
 
-    def __init__(self, *args: Any, radius: int = 5, hidden: tuple[int, ...] = (256, 256), **kwargs: Any) -> None:
+    Parameters
+    ----------
+    radius
+        Cells seen in each direction.
+    hidden
+        Sizes of the shared layers.
+    *args, **kwargs
+        For :class:`~stable_baselines3.common.policies.ActorCriticPolicy`.
+    """
+
+    def __init__(
+        self, *args: Any, radius: int = 5, hidden: tuple[int, ...] = (256, 256), **kwargs: Any
+    ) -> None:
         kwargs.update(
             net_arch=[],
             features_extractor_class=EgocentricFeatures,
@@ -98,7 +111,11 @@ class _ConvolutionalHeads(nn.Module):
 
 
 class ConvolutionalPolicy(ActorCriticPolicy):
-    """The thesis's actor-critic network: shared convolutions of 64 and 256 channels, heads of 32 (B.1.1)."""
+    """The thesis's actor-critic network: shared convolutions of 64 and 256 channels, heads of 32 (B.1.1).
+
+    All kernels are 2 x 2, without padding. The arguments are those of
+    :class:`~stable_baselines3.common.policies.ActorCriticPolicy`.
+    """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         kwargs.update(features_extractor_class=_ConvolutionalTrunk)

@@ -13,7 +13,7 @@ import torch
 def has_fast_bfloat16(device_type: str) -> bool:
     """Whether bfloat16 matrix products are faster than float32 ones on a device of this type."""
     if device_type == "cuda":
-        return torch.cuda.is_bf16_supported(including_emulation=False)
+        return bool(torch.cuda.is_bf16_supported(including_emulation=False))
     # The public interface tells nothing of matrix units; without the private question, float32 it is.
     question = getattr(torch.cpu, "_is_amx_tile_supported", None)
     return device_type == "cpu" and question is not None and bool(question())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import nn
@@ -13,42 +15,47 @@ from moral_algorithms.networks.precision import fast_matmul
 Shape = tuple[int, int, int]
 
 
-class _EgocentricValue(nn.Module):
-    """A perceptron on the crop around the agent and on how much of each plane is left in the whole grid.
+class EgocentricEncoding(nn.Module):
+    """The crop around the agent and how much of each plane is left in the whole grid; nothing to learn.
 
     From the crop alone, an object that was removed looks like one that was left behind.
     """
 
-    def __init__(self, shape: Shape, radius: int = 5, hidden: int = 128) -> None:
+    def __init__(self, shape: Shape, radius: int = 5) -> None:
         super().__init__()
         self.crop = EgocentricCrop(shape, radius)
-        self.layers = nn.Sequential(
-            nn.Linear(self.crop.size + shape[0], hidden),
-            nn.LeakyReLU(),
-            nn.Linear(hidden, hidden),
-            nn.LeakyReLU(),
-            nn.Linear(hidden, 1),
-        )
+        self.size = self.crop.size + shape[0]
 
     def forward(self, states: torch.Tensor) -> torch.Tensor:
+        """Encode float32 states (n, C, H, W) as (n, size)."""
         # A tenth, so that counts and 0/1 cells enter on one scale.
         totals = states.flatten(2).sum(dim=2) * 0.1
-        values: torch.Tensor = self.layers(torch.cat([self.crop(states), totals], dim=1))
-        return values
+        return torch.cat([self.crop(states), totals], dim=1)
+
+
+def _egocentric_value(shape: Shape, hidden: int = 128) -> nn.Module:
+    """Build a perceptron on the egocentric encoding."""
+    return nn.Sequential(
+        nn.Linear(EgocentricEncoding(shape).size, hidden),
+        nn.LeakyReLU(),
+        nn.Linear(hidden, hidden),
+        nn.LeakyReLU(),
+        nn.Linear(hidden, 1),
+    )
 
 
 def _perceptron_value(shape: Shape) -> nn.Module:
-    """The thesis's discriminator in Emergency (figure 3.5)."""
+    """Build the thesis's network in Emergency (figure 3.5)."""
     channels, height, width = shape
     sizes = (channels * height * width, 256, 512, 256)
     layers: list[nn.Module] = [nn.Flatten()]
-    for inputs, outputs in zip(sizes, sizes[1:], strict=False):
+    for inputs, outputs in pairwise(sizes):
         layers += [nn.Linear(inputs, outputs), nn.LeakyReLU(0.01)]
     return nn.Sequential(*layers, nn.Linear(sizes[-1], 1))
 
 
 def _convolutional_value(shape: Shape) -> nn.Module:
-    """The thesis's discriminator in Delivery (B.1.2)."""
+    """Build the thesis's network in Delivery (B.1.2)."""
     channels, height, width = shape
     return nn.Sequential(
         nn.Conv2d(channels, 32, 2),
@@ -62,12 +69,25 @@ def _convolutional_value(shape: Shape) -> nn.Module:
     )
 
 
-REWARD_ARCHITECTURES: dict[str, Callable[[Shape], nn.Module]] = {
-    "fast": _EgocentricValue,
-    "mlp": _perceptron_value,
-    "conv": _convolutional_value,
+class RewardArchitecture(NamedTuple):
+    """What g and h are made of, as functions of the shape (C, H, W) of a state."""
+
+    encoding: Callable[[Shape], nn.Module]
+    """Makes the input that g and h share."""
+    value: Callable[[Shape], nn.Module]
+    """Makes g, and h: a network from that input to (n, 1)."""
+
+
+def _as_it_is(shape: Shape) -> nn.Module:
+    return nn.Identity()
+
+
+REWARD_ARCHITECTURES = {
+    "fast": RewardArchitecture(EgocentricEncoding, _egocentric_value),
+    "mlp": RewardArchitecture(_as_it_is, _perceptron_value),
+    "conv": RewardArchitecture(_as_it_is, _convolutional_value),
 }
-"""What g and h can be, by name: functions from the shape (C, H, W) of a state to a network."""
+"""The architectures by name."""
 
 
 class ShapedRewardNetwork(nn.Module):
@@ -81,17 +101,26 @@ class ShapedRewardNetwork(nn.Module):
         A name of :data:`REWARD_ARCHITECTURES`, for g and h alike.
     gamma
         Discount factor of the shaping term.
+
+    Raises
+    ------
+    ValueError
+        If the architecture is unknown.
     """
 
     def __init__(self, shape: Shape, architecture: str = "fast", gamma: float = 0.97) -> None:
         super().__init__()
         if architecture not in REWARD_ARCHITECTURES:
-            raise ValueError(f"architecture is {architecture!r}; it must be one of {sorted(REWARD_ARCHITECTURES)}")
+            raise ValueError(
+                f"architecture is {architecture!r}; it must be one of {sorted(REWARD_ARCHITECTURES)}"
+            )
         self.shape = shape
         self.architecture = architecture
         self.gamma = gamma
-        self.g = REWARD_ARCHITECTURES[architecture](shape)
-        self.h = REWARD_ARCHITECTURES[architecture](shape)
+        encoding, value = REWARD_ARCHITECTURES[architecture]
+        self.encoding = encoding(shape)
+        self.g = value(shape)
+        self.h = value(shape)
 
     def forward(self, states: torch.Tensor, next_states: torch.Tensor) -> torch.Tensor:
         """Rewards of a batch of transitions.
@@ -105,10 +134,11 @@ class ShapedRewardNetwork(nn.Module):
         -------
         float32 tensor of shape (n,)
         """
-        assert states.shape == next_states.shape and states.shape[1:] == self.shape
+        assert states.shape[1:] == self.shape, f"{tuple(states.shape)} is not (n, *{self.shape})"
+        assert states.shape == next_states.shape, f"{tuple(states.shape)} is not {tuple(next_states.shape)}"
         count = states.shape[0]
         with fast_matmul(states.device):
-            both = torch.cat([states, next_states]).float()
-            potentials = self.h(both)
-            rewards = self.g(both[:count]) + self.gamma * potentials[count:] - potentials[:count]
-        return rewards.float().squeeze(1)
+            both = self.encoding(torch.cat([states, next_states]).float())
+            potentials, base = self.h(both).float(), self.g(both[:count]).float()
+        rewards: torch.Tensor = base + self.gamma * potentials[count:] - potentials[:count]
+        return rewards.squeeze(1)

@@ -2,7 +2,8 @@
 
 Each maps samples of v (M, d), normalised vector returns of P candidate pairs (P, 2, d), the likelihood and a
 generator (which only `random` draws from) to scores (P,); the learner asks the query of the highest score.
-All are unchanged when a pair is swapped. They hold a few (M, P) arrays of float64 at a time.
+All are unchanged when a pair is swapped. They hold a few (M, P) arrays of float64 at a time, and raise
+ValueError where the candidates have another shape.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ def volume_removal(
     """Volume that either answer is sure to remove: min over answers of E[1 - p(answer | v)] (thesis eq. 4.5).
 
     Sadigh et al. 2017. It is at its maximum, 1/2 under `BradleyTerry`, for two trajectories of equal returns,
-    about which no answer teaches anything (Biyik et al. 2019): leave such pairs out of the candidates.
+    about which no answer teaches anything (Biyik et al. 2019): leave such pairs out of the candidates. For
+    the same reason it likes pairs that a noisy teacher answers at random; `expected_regret` does not.
     """
     differences = _differences(samples, candidates)
     first = np.exp(likelihood.log_probability(samples @ differences.T)).mean(axis=0)

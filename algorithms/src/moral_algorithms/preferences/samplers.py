@@ -34,7 +34,7 @@ def hit_and_run(
     start: FloatArray,
     rng: np.random.Generator,
     *,
-    num_sweeps: int = 6,
+    num_sweeps: int = 4,
 ) -> FloatArray:
     """Hit-and-run (Smith 1984) with slice sampling on the chord, one chain from each starting point.
 
@@ -142,11 +142,9 @@ SAMPLERS: dict[str, Sampler] = {"hit_and_run": hit_and_run, "metropolis": metrop
 _ACCEPTANCE = 0.3
 # A slice of a Gaussian whose deviation is 1 is about this wide, so few chains step out more than once.
 _STEP_WIDTH = 4.0
-# In both directions together. It bounds a step's cost where the chains start much closer together than they
-# end.
+# In both directions together. It bounds a step's cost where chains start much closer together than they end.
 _MAX_STEPS = 16
-# Shrinking stops by itself at the current point; the bound only keeps a density that returns NaN from looping
-# for ever.
+# Shrinking stops by itself at the current point; the bound only stops a density that returns NaN.
 _MAX_SHRINKS = 200
 
 

@@ -28,9 +28,7 @@ class Teacher(Protocol):
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on where `state_dict` was taken."""
         if state:
-            raise ValueError(
-                f"state has the keys {sorted(state)}; this teacher keeps no state, so none may be"
-            )
+            raise ValueError(f"state has the keys {sorted(state)}; it must be empty for a stateless teacher")
 
 
 class LexicographicTeacher(Teacher):

@@ -1,0 +1,85 @@
+"""The command line: ``moral COMMAND``.
+
+A command is a module of this package with a dataclass ``Command``: its fields are the options, its docstring
+is the help, and ``execute`` does the work. It is imported only when it is asked for, because PyTorch takes
+seconds to import.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from moral_algorithms.cli.arguments import BaseCommand, parse
+from moral_algorithms.cli.console import Console
+
+__all__ = ["COMMANDS", "main"]
+
+COMMANDS = {
+    "demo": "from nothing to an aligned agent in Emergency, in about a minute and a half",
+    "expert": "train an expert with PPO on known weights",
+    "demonstrate": "record episodes of an expert",
+    "airl": "learn a reward network from demonstrations",
+    "train": "MORAL: train under weights that are learned from pairwise preferences",
+    "evaluate": "measure a policy, in Emergency beside the exact optimum",
+    "watch": "play an episode of a policy into a GIF or an MP4",
+}
+"""What each command does, by name."""
+
+_HELP = """usage: moral [-h] [--version] COMMAND [OPTIONS]
+
+Multi-Objective Reinforced Active Learning: agents that balance rewards learned from
+demonstrations with rewards they are given, by asking for pairwise preferences.
+
+commands:
+{commands}
+
+`moral COMMAND --help` explains a command and its options. Start with `moral demo`.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Parameters
+    ----------
+    arguments
+        What follows ``moral``; by default that of the process.
+
+    Returns
+    -------
+    int
+        Exit status: 0; 2 after bad input or where a file cannot be read or written, which one line on stderr
+        explains; 130 after an interruption.
+
+    Raises
+    ------
+    SystemExit
+        After a command's help (0), and after unknown, missing or malformed options (2).
+    """
+    console = Console()
+    name, *options = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    if name in ("-h", "--help"):
+        width = max(map(len, COMMANDS))
+        lines = "\n".join(f"  {command:{width}}  {text}" for command, text in COMMANDS.items())
+        print(_HELP.format(commands=lines), end="")
+        return 0
+    if name == "--version":
+        print(f"moral {version('moral-algorithms')}")
+        return 0
+    command: BaseCommand | None = None
+    try:
+        if name not in COMMANDS:
+            raise ValueError(f"command is {name!r}; it must be one of {', '.join(COMMANDS)}")
+        module = importlib.import_module(f"moral_algorithms.cli.{name}")
+        command = parse(module.Command, options, f"moral {name}")
+        command.execute(console)
+    except KeyboardInterrupt:
+        console.error("moral: interrupted" if command is None else f"moral: interrupted; {command.hint}")
+        return 130
+    except (ValueError, OSError) as error:
+        console.error(f"moral: error: {error}")
+        return 2
+    return 0

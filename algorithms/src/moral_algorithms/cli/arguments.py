@@ -1,0 +1,120 @@
+"""Options that commands share, and how they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import redirect_stderr
+from dataclasses import dataclass
+from io import StringIO
+from typing import TYPE_CHECKING, Literal, TypeVar
+
+import tyro
+
+if TYPE_CHECKING:
+    from moral_algorithms.cli.console import Console
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What a command runs on."""
+
+    device: Literal["cpu", "cuda", "auto"] = "cpu"
+    """Where networks live; auto takes a GPU if there is one."""
+    threads: int = 1
+    """Threads of PyTorch: more than one pay only for the large networks of the thesis; 0 takes one per core."""
+
+    def prepare(self) -> str:
+        """Set the threads and return the device.
+
+        Raises
+        ------
+        ValueError
+            If there is no such device, or the number of threads is negative.
+        """
+        import torch
+
+        if self.threads < 0:
+            raise ValueError(f"threads is {self.threads}; it must be 0 or more")
+        if self.threads:
+            torch.set_num_threads(self.threads)
+        # Every distribution checks its arguments otherwise, some percent of a training's time.
+        torch.distributions.Distribution.set_default_validate_args(False)
+        if self.device == "cuda" and not torch.cuda.is_available():
+            raise ValueError("device is 'cuda', which PyTorch does not find here; it must be 'cpu' or 'auto'")
+        if self.device == "auto":
+            return "cuda" if torch.cuda.is_available() else "cpu"
+        return self.device
+
+
+class BaseCommand:
+    """What every command is: a dataclass of options with something to do."""
+
+    @classmethod
+    def defaults(cls: type[Command], options: Sequence[str]) -> Command | None:
+        """Find defaults that depend on the options; None takes those of the dataclass."""
+        return None
+
+    @property
+    def hint(self) -> str:
+        """What is saved after an interruption and how to go on."""
+        return ""
+
+    def execute(self, console: Console) -> None:
+        """Do it."""
+        raise NotImplementedError
+
+
+Command = TypeVar("Command", bound=BaseCommand)
+
+
+def parse(command: type[Command], options: Sequence[str], program: str) -> Command:
+    """Read a command's options; ``--help`` and unknown or malformed options end the process.
+
+    Parameters
+    ----------
+    command
+        A dataclass.
+    options
+        The command line after the command's name.
+    program
+        What the help calls the command.
+
+    Raises
+    ------
+    ValueError
+        If a dataclass refuses a value.
+    """
+    default = command.defaults(options)
+
+    def read(console_outputs: bool) -> Command:
+        arguments = list(options)
+        if default is None:
+            return tyro.cli(command, args=arguments, prog=program, console_outputs=console_outputs)
+        return tyro.cli(
+            command, args=arguments, prog=program, console_outputs=console_outputs, default=default
+        )
+
+    try:
+        # It is silent about most errors when asked to be, but not about all.
+        with redirect_stderr(StringIO()):
+            return read(console_outputs=False)
+    except SystemExit as exit_:
+        refusal = _refusal(exit_)
+        if refusal is not None:
+            raise refusal from None
+    # Once more, to show the help or what tyro itself found wrong; it leaves by SystemExit again.
+    return read(console_outputs=True)
+
+
+def _refusal(error: BaseException) -> ValueError | None:
+    """Find the ValueError of a dataclass of this project that led to an error, if one did."""
+    cause: BaseException | None = error
+    while cause is not None:
+        frame = cause.__traceback__
+        while frame is not None and frame.tb_next is not None:
+            frame = frame.tb_next
+        raised_in = "" if frame is None else str(frame.tb_frame.f_globals.get("__name__"))
+        if isinstance(cause, ValueError) and raised_in.startswith(("moral_algorithms.", "moral_envs.")):
+            return cause
+        cause = cause.__context__
+    return None

@@ -1,0 +1,165 @@
+"""Policies and reward networks as files: parameters in safetensors, with a header that says what they are.
+
+The header, JSON under ``moral``, holds ``kind``, ``version`` (1), ``world`` and how to build the network:
+``preset`` for a policy; ``architecture``, ``gamma`` and ``normaliser`` for a reward network.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import nn
+
+from moral_algorithms.networks.policies import POLICIES
+from moral_algorithms.networks.rewards import ShapedRewardNetwork
+from moral_algorithms.storage import Arrays, StorageError, read_tensors, write_tensors
+from moral_algorithms.worlds import WorldSpec
+from moral_envs.engine import Engine
+from moral_envs.world import NUM_ACTIONS
+
+VERSION = 1
+_POLICY, _REWARD = "moral-policy", "moral-reward"
+
+Network = TypeVar("Network", bound=nn.Module)
+
+
+class StoredPolicy(NamedTuple):
+    """A policy that was read from a file."""
+
+    policy: ActorCriticPolicy
+    """Ready to act."""
+    world: WorldSpec
+    """Where it was trained."""
+
+
+class StoredReward(NamedTuple):
+    """A reward network that was read from a file."""
+
+    network: ShapedRewardNetwork
+    """The reward f(s, s')."""
+    normaliser: float
+    """|J|, the absolute mean return of the imitation policy under it (eq. 5.2)."""
+    world: WorldSpec
+    """Where it was learned."""
+
+
+def save_policy(path: Path, policy: ActorCriticPolicy, preset: str, world: WorldSpec) -> None:
+    """Write a policy.
+
+    Parameters
+    ----------
+    path
+        The file.
+    policy
+        What is written.
+    preset
+        Its name in :data:`~moral_algorithms.networks.policies.POLICIES`.
+    world
+        Where it was trained.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written.
+    """
+    header = {"kind": _POLICY, "version": VERSION, "world": world.to_json(), "preset": preset}
+    write_tensors(path, _arrays(policy), header)
+
+
+def load_policy(path: Path, device: str = "cpu") -> StoredPolicy:
+    """Read a policy.
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, damaged, or holds something else.
+    """
+
+    def build(header: dict[str, Any], world: WorldSpec) -> ActorCriticPolicy:
+        observations = spaces.Box(0, 1, shape=_state_shape(world), dtype=np.uint8)
+        return POLICIES[header["preset"]](observations, spaces.Discrete(NUM_ACTIONS), lambda _: 0.0)
+
+    policy, _, world = _load(path, _POLICY, build)
+    policy.to(device).set_training_mode(False)
+    return StoredPolicy(policy, world)
+
+
+def save_reward(path: Path, network: ShapedRewardNetwork, normaliser: float, world: WorldSpec) -> None:
+    """Write a reward network.
+
+    Parameters
+    ----------
+    path
+        The file.
+    network
+        What is written.
+    normaliser
+        What its rewards are divided by, positive (eq. 5.2).
+    world
+        Where it was learned.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written.
+    """
+    header = {
+        "kind": _REWARD,
+        "version": VERSION,
+        "world": world.to_json(),
+        "architecture": network.architecture,
+        "gamma": network.gamma,
+        "normaliser": normaliser,
+    }
+    write_tensors(path, _arrays(network), header)
+
+
+def load_reward(path: Path, device: str = "cpu") -> StoredReward:
+    """Read a reward network.
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, damaged, or holds something else.
+    """
+
+    def build(header: dict[str, Any], world: WorldSpec) -> ShapedRewardNetwork:
+        normaliser = float(header["normaliser"])
+        if not (math.isfinite(normaliser) and normaliser > 0):
+            raise ValueError(f"its normaliser is {normaliser}; it must be positive and finite")
+        return ShapedRewardNetwork(_state_shape(world), header["architecture"], float(header["gamma"]))
+
+    network, header, world = _load(path, _REWARD, build)
+    return StoredReward(network.to(device), float(header["normaliser"]), world)
+
+
+def _load(
+    path: Path, kind: str, build: Callable[[dict[str, Any], WorldSpec], Network]
+) -> tuple[Network, dict[str, Any], WorldSpec]:
+    arrays, header = read_tensors(path, kind)
+    if header.get("version") != VERSION:
+        raise StorageError(f"{path} has version {header.get('version')!r}; this release reads {VERSION}")
+    try:
+        world = WorldSpec.from_json(header["world"])
+        network = build(header, world)
+        network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise StorageError(
+            f"{path} is damaged or not what it should be: {' '.join(str(error).split())}"
+        ) from error
+    return network, header, world
+
+
+def _arrays(network: nn.Module) -> Arrays:
+    return {name: tensor.detach().cpu().numpy() for name, tensor in network.state_dict().items()}
+
+
+def _state_shape(world: WorldSpec) -> tuple[int, int, int]:
+    return Engine(world.build(), 1).observation_shape

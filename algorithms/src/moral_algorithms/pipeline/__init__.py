@@ -1,0 +1,35 @@
+"""From nothing to an aligned agent, one function per stage.
+
+``expert`` trains a policy to learn from, ``demonstrate`` records it, ``airl`` learns a reward from that,
+``moral`` trains under that reward and the world's own, balanced by a teacher's preferences, and ``evaluate``
+measures a policy beside the exact optimum. Each leaves its results in files, from which the next goes on.
+"""
+
+from moral_algorithms.pipeline.alignment import (
+    MoralRun,
+    TeacherConfig,
+    how_to_resume,
+    moral,
+    normaliser_config,
+    read_moral_run,
+)
+from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
+from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
+from moral_algorithms.pipeline.stage import Setting, spawn_seeds
+
+__all__ = [
+    "Evaluation",
+    "MoralRun",
+    "Setting",
+    "TeacherConfig",
+    "airl",
+    "demonstrate",
+    "evaluate",
+    "expert",
+    "find_policy",
+    "how_to_resume",
+    "moral",
+    "normaliser_config",
+    "read_moral_run",
+    "spawn_seeds",
+]

@@ -1,0 +1,310 @@
+"""The fourth stage: MORAL, in a run directory from which it can be resumed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from moral_algorithms.bridge import LearnedReward, PrimaryReward, RewardComponent
+from moral_algorithms.evaluation import play_episodes
+from moral_algorithms.learners.expert import ExpertConfig, train_expert
+from moral_algorithms.learners.moral import MoralConfig, train_moral
+from moral_algorithms.learners.ppo import PPOConfig, sampling_seed
+from moral_algorithms.networks.files import load_reward, save_policy
+from moral_algorithms.pipeline.stage import (
+    Setting,
+    StageClock,
+    name_values,
+    require_kind,
+    require_normaliser,
+    spawn_seeds,
+)
+from moral_algorithms.preferences import LexicographicTeacher, NoisyTeacher, RatioTeacher, Teacher
+from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
+from moral_algorithms.worlds import WorldSpec
+
+_NORMALISER_EPISODES = 200
+_REWARD = "reward.safetensors"
+
+
+@dataclass(frozen=True)
+class TeacherConfig:
+    """Who answers the queries: a simulated teacher that looks at the objectives."""
+
+    teacher: str = "lexicographic"
+    """lexicographic (more of the first objective, on a tie of the next) or ratio (closer to a ratio)."""
+    order: tuple[str, ...] = ("people_saved", "goal_time")
+    """Objectives of the lexicographic teacher, the most important first."""
+    ratio: dict[str, float] = field(default_factory=dict)
+    """Share of each objective for the ratio teacher, such as people_saved 1 goal_time 9."""
+    noise: float = 0.0
+    """Probability of a random answer."""
+
+    def build(self, objective_names: tuple[str, ...], rng: np.random.Generator) -> Teacher:
+        """Make the teacher.
+
+        Raises
+        ------
+        ValueError
+            If there is no such teacher, or an objective is unknown.
+        """
+        if self.teacher not in ("lexicographic", "ratio"):
+            raise ValueError(f"teacher is {self.teacher!r}; it must be lexicographic or ratio")
+        teacher: Teacher
+        if self.teacher == "lexicographic":
+            teacher = LexicographicTeacher(self.order, objective_names)
+        else:
+            teacher = RatioTeacher(self.ratio, objective_names)
+        return NoisyTeacher(teacher, self.noise, rng)
+
+
+def normaliser_config() -> ExpertConfig:
+    """How policies that pursue one primary component alone are trained by default."""
+    return ExpertConfig(max_steps=150_000, ppo=PPOConfig(entropy_start=0.01, entropy_end=0.01))
+
+
+@dataclass(frozen=True)
+class MoralRun:
+    """What one run of MORAL consists of: all that its result depends on."""
+
+    rewards: tuple[Path, ...]
+    """Run directories of AIRL, one per expert; the components are learned_1, learned_2 and so on."""
+    world: WorldSpec = field(default_factory=WorldSpec)
+    """Where the agent acts."""
+    primary: tuple[str, ...] = ("extinguish",)
+    """Components of the world's reward vector that the agent is given."""
+    teacher: TeacherConfig = field(default_factory=TeacherConfig)
+    """Who answers."""
+    seed: int = 0
+    """Entropy of all of it."""
+    config: MoralConfig = field(default_factory=MoralConfig)
+    """How MORAL trains and asks."""
+    normaliser: ExpertConfig = field(
+        default_factory=lambda: ExpertConfig(
+            max_steps=150_000, ppo=PPOConfig(entropy_start=0.01, entropy_end=0.01)
+        )
+    )
+    """How the policies are trained that pursue one primary component alone; their returns normalise it."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for :meth:`from_json`."""
+        return {
+            "world": self.world.to_json(),
+            "rewards": [str(path) for path in self.rewards],
+            "primary": list(self.primary),
+            "teacher": {**asdict(self.teacher), "order": list(self.teacher.order)},
+            "seed": self.seed,
+            "moral": asdict(self.config),
+            "normaliser": asdict(self.normaliser),
+        }
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> MoralRun:
+        """Read what :meth:`to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            If it is damaged.
+        """
+
+        def with_ppo(values: dict[str, Any]) -> dict[str, Any]:
+            return {**values, "ppo": PPOConfig(**values["ppo"])}
+
+        try:
+            return cls(
+                rewards=tuple(Path(path) for path in value["rewards"]),
+                world=WorldSpec.from_json(value["world"]),
+                primary=tuple(value["primary"]),
+                teacher=TeacherConfig(**{**value["teacher"], "order": tuple(value["teacher"]["order"])}),
+                seed=value["seed"],
+                config=MoralConfig(**with_ppo(value["moral"])),
+                normaliser=ExpertConfig(**with_ppo(value["normaliser"])),
+            )
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"the run's configuration is damaged: {error}") from error
+
+
+def how_to_resume(directory: RunDirectory) -> str:
+    """Say how to go on with a run that was interrupted."""
+    return f"go on with: moral train --resume --out {directory.path}"
+
+
+def read_moral_run(directory: RunDirectory) -> MoralRun:
+    """Read what the run of MORAL in a directory was started with.
+
+    Raises
+    ------
+    StorageError
+        If there is none.
+    """
+    if not directory.config.exists():
+        raise StorageError(f"there is no run in {directory.path} to resume; start it without --resume")
+    config = directory.read_config()
+    require_kind(directory, config, "train")
+    return MoralRun.from_json(config)
+
+
+def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool = False) -> dict[str, Any]:
+    """Train an aligned agent, from the start or from where the run in the directory stands.
+
+    The primary components' normalisers and copies of the reward networks are kept in the directory, so that a
+    resumed run needs nothing else.
+
+    Parameters
+    ----------
+    directory
+        Where everything goes.
+    run
+        What to do; when resumed, the same as when the run was started.
+    setting
+        How the stages are run.
+    resume
+        Go on with the run in the directory; a finished one is left as it is.
+
+    Returns
+    -------
+    dict
+        What ``summary.json`` holds: ``queries``, ``weights`` and mean ``objectives`` at the end, and
+        ``env_steps`` and ``wall_seconds`` of the stages ``primary`` and ``moral``; the seconds of ``moral``
+        are those since it was last resumed.
+
+    Raises
+    ------
+    ValueError
+        If the run's parts do not fit together.
+    StorageError
+        If something cannot be read or written, or the directory holds another run.
+    """
+    _require_fitting(run)
+    if resume:
+        read_moral_run(directory)
+    else:
+        for path in run.rewards:
+            _require_world(path, load_reward(path / _REWARD).world, run.world)
+    with directory.hold():
+        if not resume:
+            directory.require_new()
+            for path, copy in zip(run.rewards, _copies(directory, run).values(), strict=True):
+                with atomic_write(copy) as file:
+                    file.write((path / _REWARD).read_bytes())
+            directory.write_config({"kind": "train", **run.to_json()})
+        else:
+            directory.require_config({"kind": "train", **run.to_json()})
+        if directory.summary.exists():
+            summary: dict[str, Any] = read_json(directory.summary)
+            return summary
+        with _resumable(directory):
+            return _train(directory, run, setting)
+
+
+def _train(directory: RunDirectory, run: MoralRun, setting: Setting) -> dict[str, Any]:
+    """Train from where the run in the directory stands to its end."""
+    primary_seed, moral_seed, teacher_seed = spawn_seeds(run.seed, 3)
+    world = run.world.build()
+    teacher = run.teacher.build(world.objective_names, np.random.default_rng(teacher_seed))
+    normalisers = _primary_normalisers(directory, run, primary_seed, setting)
+    components: list[RewardComponent] = [
+        PrimaryReward(world.reward_names, name, 1 / normalisers[name]["return"]) for name in run.primary
+    ]
+    for name, copy in _copies(directory, run).items():
+        network, normaliser, _ = load_reward(copy, setting.device)
+        components.append(LearnedReward(name, network, 1 / normaliser))
+
+    clock = StageClock()
+    with setting.stage("moral") as on_progress:
+        agent = train_moral(
+            run.world,
+            components,
+            teacher,
+            run.config,
+            moral_seed,
+            directory,
+            setting.device,
+            setting.event_files(directory),
+            on_progress,
+        )
+    save_policy(directory.policy, agent.policy, run.config.ppo.policy, run.world)
+    last = read_lines(directory.metrics)[-1]
+    weights = name_values(tuple(component.name for component in components), agent.weights)
+    primary = {
+        key: sum(entry[key] for entry in normalisers.values()) for key in ("env_steps", "wall_seconds")
+    }
+    summary = {
+        "queries": last["queries"],
+        "weights": weights,
+        "objectives": last["objectives"],
+        "env_steps": {"primary": primary["env_steps"], "moral": agent.env_steps},
+        "wall_seconds": {"primary": primary["wall_seconds"], "moral": clock.seconds},
+    }
+    write_json(directory.summary, summary)
+    return summary
+
+
+@contextmanager
+def _resumable(directory: RunDirectory) -> Iterator[None]:
+    """Add to what stopped a run how to go on with it."""
+    try:
+        yield
+    except (StorageError, OSError) as error:
+        raise StorageError(f"{error}; {how_to_resume(directory)}") from error
+
+
+def _primary_normalisers(
+    directory: RunDirectory, run: MoralRun, seed: int, setting: Setting
+) -> dict[str, dict[str, Any]]:
+    """Find what a policy that pursues one primary component alone earns (eq. 5.2), once per run."""
+    path = directory.path / "normalisers.json"
+    found: dict[str, dict[str, Any]] = read_json(path) if path.exists() else {}
+    world = run.world.build()
+    for name, component_seed in zip(run.primary, spawn_seeds(seed, len(run.primary)), strict=True):
+        if name in found:
+            continue
+        training_seed, evaluation_seed = spawn_seeds(component_seed, 2)
+        clock = StageClock()
+        alone = [float(name == other) for other in world.reward_names]
+        with setting.stage("primary") as on_progress:
+            trained = train_expert(
+                run.world, alone, run.normaliser, training_seed, setting.device, on_progress=on_progress
+            )
+            with sampling_seed(evaluation_seed):
+                played = play_episodes(trained.policy, world, _NORMALISER_EPISODES, evaluation_seed)
+        column = world.reward_names.index(name)
+        mean = abs(float(played.returns[:, column].mean()))
+        require_normaliser(
+            mean, f"the policy that pursues {name} alone", "train it longer (--normaliser.max-steps)"
+        )
+        env_steps = trained.env_steps + played.actions.size
+        found[name] = {"return": mean, "env_steps": env_steps, "wall_seconds": clock.seconds}
+        write_json(path, found)
+    return found
+
+
+def _copies(directory: RunDirectory, run: MoralRun) -> dict[str, Path]:
+    """Where a run keeps its reward networks, by the names of their components."""
+    names = [f"learned_{number}" for number in range(1, len(run.rewards) + 1)]
+    return {name: directory.path / f"{name}.safetensors" for name in names}
+
+
+def _require_fitting(run: MoralRun) -> None:
+    """Raise a ValueError if a run's parts do not fit together."""
+    spawn_seeds(run.seed, 1)
+    world = run.world.build()
+    run.teacher.build(world.objective_names, np.random.default_rng(0))
+    for name in run.primary:
+        PrimaryReward(world.reward_names, name)
+    if len(set(run.primary)) < len(run.primary):
+        raise ValueError(f"primary is {run.primary}; it must name no component twice")
+    if not run.rewards:
+        raise ValueError("rewards is empty; it must name at least one run directory of moral airl")
+
+
+def _require_world(source: Path, found: WorldSpec, wanted: WorldSpec) -> None:
+    if found != wanted:
+        raise StorageError(f"{source} was learned in {found.to_json()}; it must be {wanted.to_json()}")

@@ -1,0 +1,202 @@
+"""Reward components and their scalarisation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from torch import nn
+
+from moral_algorithms.bridge import (
+    EngineVecEnv,
+    LearnedReward,
+    PrimaryReward,
+    RewardComponent,
+    ScalarisedRewards,
+    Transitions,
+)
+from moral_envs import delivery_v0, emergency_v0
+from moral_envs.world import NUM_ACTIONS
+from tests.algorithms.tiny import EMERGENCY, scalarised
+
+DELIVERY = delivery_v0.world(7, 7, 3, 3, 3, 3, max_cycles=5)
+
+
+class ActionReward:
+    """Pays what an action's index is times a factor: a component that looks at the transition."""
+
+    def __init__(self, name: str, factor: float) -> None:
+        self.name = name
+        self.factor = factor
+
+    def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
+        rewards: NDArray[np.float32] = (transitions.actions * self.factor).astype(np.float32)
+        return rewards
+
+
+class MovedReward(nn.Module):
+    """How many cells of the agent plane differ between s and s', plus ten for each object that is gone."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ten = nn.Parameter(torch.tensor(10.0))
+
+    def forward(self, states: torch.Tensor, next_states: torch.Tensor) -> torch.Tensor:
+        moved = (states[:, 1] != next_states[:, 1]).sum(dim=(1, 2))
+        gone = states[:, 2:].sum(dim=(1, 2, 3)) - next_states[:, 2:].sum(dim=(1, 2, 3))
+        return moved + self.ten * gone
+
+
+weight_vectors = st.lists(st.floats(0, 100, width=32), min_size=4, max_size=4).filter(any)
+
+
+@settings(max_examples=30)
+@given(weights=weight_vectors, later=weight_vectors, seed=st.integers(0, 1000))
+def test_the_reward_is_weights_times_components(weights: list[float], later: list[float], seed: int) -> None:
+    names = ("deliver", "clean", "vase")
+    components: list[RewardComponent] = [
+        *(PrimaryReward(DELIVERY.reward_names, name, 0.5) for name in names),
+        ActionReward("a", 0.25),
+    ]
+    venv = ScalarisedRewards(EngineVecEnv(DELIVERY, 3, seed=seed), components, weights)
+    rng = np.random.default_rng(seed)
+    venv.reset()
+    returns = np.zeros((3, 4))
+    for step in range(2 * DELIVERY.horizon + 1):
+        actions = rng.integers(NUM_ACTIONS, size=3)
+        # Between asking for a step and taking it: the new weights hold from this step on.
+        venv.step_async(actions)
+        if step == 3:
+            venv.weights = later
+        _, rewards, dones, infos = venv.step_wait()
+        raw = np.array([info["vector_reward"] for info in infos])
+        vector = np.column_stack([raw[:, 0] / 2, raw[:, 2] / 2, raw[:, 3] / 2, actions / 4])
+        np.testing.assert_allclose(rewards, vector @ (later if step >= 3 else weights), rtol=1e-5, atol=1e-5)
+        assert rewards.dtype == np.float32
+        returns += vector
+        np.testing.assert_allclose(venv.returns, returns, rtol=1e-5)
+        for row, info in enumerate(infos):
+            assert ("returns" in info) == dones[row]
+            if dones[row]:
+                np.testing.assert_allclose(info["returns"], returns[row], rtol=1e-5)
+        returns[dones] = 0
+
+
+def test_returns_in_an_info_stay_as_they_were() -> None:
+    venv = scalarised(num_envs=2)
+    venv.reset()
+    for _ in range(EMERGENCY.build().horizon):
+        _, _, _, infos = venv.step(np.array([4, 6]))
+    final = [info["returns"].copy() for info in infos]
+    for _ in range(3):
+        venv.step(np.array([1, 3]))
+    for info, returns in zip(infos, final, strict=True):
+        np.testing.assert_array_equal(info["returns"], returns)
+
+
+def test_a_reset_starts_returns_anew() -> None:
+    venv = ScalarisedRewards(EngineVecEnv(DELIVERY, 2, seed=0), [ActionReward("a", 1.0)], [1.0])
+    venv.reset()
+    venv.step(np.array([3, 4]))
+    np.testing.assert_array_equal(venv.returns[:, 0], [3, 4])
+    venv.reset()
+    np.testing.assert_array_equal(venv.returns[:, 0], [0, 0])
+    venv.step(np.array([1, 2]))
+    np.testing.assert_array_equal(venv.returns[:, 0], [1, 2])
+
+
+def test_a_learned_reward_sees_the_true_next_state() -> None:
+    world = emergency_v0.world(5, 5, 3, max_cycles=3)
+    learned = LearnedReward("moved", MovedReward(), scale=2.0)
+    venv = ScalarisedRewards(EngineVecEnv(world, 16, seed=4), [learned], [1.0])
+    rng = np.random.default_rng(0)
+    observations = venv.reset()
+    for _ in range(3):
+        before = observations
+        observations, rewards, dones, infos = venv.step(rng.integers(NUM_ACTIONS, size=16))
+        after = observations.copy()
+        for row in dones.nonzero()[0]:
+            after[row] = infos[row]["terminal_observation"]
+        moved = (before[:, 1] != after[:, 1]).sum(axis=(1, 2))
+        saved = np.array([info["vector_reward"][1] for info in infos])
+        np.testing.assert_allclose(rewards, 2 * (moved + 10 * saved))
+    assert dones.all()
+
+
+def test_goes_on_exactly_from_a_saved_state() -> None:
+    venv, twin = scalarised(weights=(1.0, 2.0), seed=3), scalarised(weights=(5.0, 1.0), seed=4)
+    rng = np.random.default_rng(0)
+    venv.reset()
+    # Up to the end of an episode: the returns are to be set back at the next step.
+    for _ in range(EMERGENCY.build().horizon):
+        observations, *_ = venv.step(rng.integers(NUM_ACTIONS, size=4))
+    np.testing.assert_array_equal(twin.load_state_dict(venv.state_dict()), observations)
+    np.testing.assert_array_equal(twin.weights, [1, 2])
+    for _ in range(10):
+        actions = rng.integers(NUM_ACTIONS, size=4)
+        expected, got = venv.step(actions), twin.step(actions)
+        np.testing.assert_array_equal(expected[1], got[1])
+        np.testing.assert_array_equal(venv.returns, twin.returns)
+
+
+def test_a_state_of_other_environments_is_refused_and_changes_nothing() -> None:
+    venv = scalarised(num_envs=4)
+    venv.reset()
+    with pytest.raises(ValueError, match="history"):
+        venv.load_state_dict(scalarised(num_envs=3, weights=(3.0, 1.0)).state_dict())
+    with pytest.raises(ValueError, match="weights"):
+        venv.load_state_dict(scalarised(num_envs=4, names=["save"], weights=(1.0,)).state_dict())
+    np.testing.assert_array_equal(venv.weights, [1, 1])
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ([1.0], r"weights are \[1.0\]; there must be 2"),
+        ([1.0, 1.0, 1.0], "there must be 2"),
+        ([[1.0, 1.0]], "there must be 2"),
+        (1.0, "there must be 2"),
+        ([1.0, -0.5], "not negative"),
+        ([1.0, float("nan")], "finite"),
+        ([1.0, float("inf")], "finite"),
+        ([0.0, 0.0], "not all zero"),
+    ],
+)
+def test_impossible_weights_are_refused_and_change_nothing(weights: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as error:
+        scalarised(weights=weights)  # type: ignore[arg-type]
+    assert "\n" not in str(error.value)
+    venv = scalarised(weights=(1.0, 2.0))
+    with pytest.raises(ValueError, match=message):
+        venv.weights = weights
+    np.testing.assert_array_equal(venv.weights, [1, 2])
+
+
+def test_weights_are_handed_out_as_a_copy() -> None:
+    venv = scalarised(weights=(1.0, 2.0))
+    venv.weights[:] = 7
+    np.testing.assert_array_equal(venv.weights, [1, 2])
+
+
+def test_an_unknown_component_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"'rescue'; it must be one of \('extinguish', 'save'\)"):
+        PrimaryReward(EMERGENCY.build().reward_names, "rescue")
+
+
+def test_two_components_of_one_name_are_refused() -> None:
+    with pytest.raises(ValueError, match="every name must be another"):
+        scalarised(names=["save", "save"])
+
+
+def test_a_component_of_another_shape_is_refused() -> None:
+    class Scalar(ActionReward):
+        def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
+            return np.ones(1, dtype=np.float32)
+
+    venv = ScalarisedRewards(EngineVecEnv(DELIVERY, 2, seed=0), [Scalar("scalar", 1.0)], [1.0])
+    venv.reset()
+    with pytest.raises(AssertionError, match="scalar"):
+        venv.step(np.array([0, 0]))

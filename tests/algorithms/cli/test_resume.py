@@ -1,0 +1,220 @@
+"""A run of MORAL goes on exactly where it was stopped, however that happened."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from moral_algorithms.pipeline import alignment
+from tests.algorithms.cli.commands import TRAIN, contents, only_line, refusal, run
+from tests.algorithms.cli.conftest import Stages
+
+Capture = pytest.CaptureFixture[str]
+
+# Runs `moral`; kills itself when a file is about to be flushed to the disk at the given moment.
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from moral_algorithms.cli import main
+
+out, moment = Path(sys.argv[1]), sys.argv[2]
+
+def lines(name):
+    return (out / name).read_bytes().count(b"\\n") if (out / name).exists() else 0
+
+def writing(name):
+    return any(out.glob(f".{name}.*"))
+
+flush = os.fsync
+
+def flush_or_die(handle):
+    if eval(moment):
+        os.kill(os.getpid(), signal.SIGKILL)
+    flush(handle)
+
+os.fsync = flush_or_die
+main(sys.argv[3:])
+"""
+
+MOMENTS = {
+    "normaliser": "writing('normalisers.json')",
+    "answer before the first checkpoint": "lines('queries.jsonl') == 1",
+    "checkpoint": "writing('checkpoint.safetensors') and lines('queries.jsonl') == 2",
+    "rollout": "lines('metrics.jsonl') == 8",
+    "result": "writing('summary.json')",
+}
+
+
+def require_same_result(run_: Path, other: Path) -> None:
+    """Nothing but the wall seconds of two runs may differ, and nothing may be left of unfinished files."""
+    timed = ("summary.json", "normalisers.json")
+    assert contents(run_, timed) == contents(other, timed)
+    assert {path.name for path in run_.iterdir()} == {path.name for path in other.iterdir()}
+    for name in timed:
+        found, wanted = (without_seconds(json.loads((path / name).read_text())) for path in (run_, other))
+        assert found == wanted
+
+
+def without_seconds(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: without_seconds(part) for name, part in value.items() if name != "wall_seconds"}
+    return value
+
+
+def answers(folder: Path) -> list[int]:
+    """Numbers of the queries that were answered."""
+    return [json.loads(line)["query"] for line in (folder / "queries.jsonl").read_text().splitlines()]
+
+
+def at_flush(moment: Callable[[], bool], error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Raise an error, once, when a file is about to be flushed to the disk at a moment."""
+    flush = os.fsync
+
+    def fail(handle: int) -> None:
+        if moment():
+            monkeypatch.setattr(os, "fsync", flush)
+            raise error
+        flush(handle)
+
+    monkeypatch.setattr(os, "fsync", fail)
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_killed_run_is_resumed_exactly(moment: str, stages: Stages, tmp_path: Path) -> None:
+    out = tmp_path / "moral"
+    command = [*TRAIN, "--rewards", str(stages.airl), "--out", str(out)]
+    script = [sys.executable, "-c", KILLED, str(out), MOMENTS[moment], *command]
+    killed = subprocess.run(script, capture_output=True, check=False)
+    assert killed.returncode == -9, killed.stderr.decode()
+    assert not (out / "summary.json").exists()
+    assert run("train", "--resume", "--out", out, "--no-tensorboard") == 0
+    assert answers(out) == [0, 1, 2]
+    require_same_result(out, stages.moral)
+
+
+def test_a_run_killed_before_it_began_is_started_anew(
+    stages: Stages, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    command = [*TRAIN, "--rewards", str(stages.airl), "--out", str(out)]
+    script = [sys.executable, "-c", KILLED, str(out), "writing('config.json')", *command]
+    assert subprocess.run(script, capture_output=True, check=False).returncode == -9
+    message = refusal(capsys, "train", "--resume", "--out", out)
+    assert message == f"there is no run in {out} to resume; start it without --resume"
+    assert run(*command) == 0
+    require_same_result(out, stages.moral)
+
+
+def test_the_normaliser_is_not_computed_again(
+    stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "moral"
+    at_flush((out / "metrics.jsonl").exists, KeyboardInterrupt(), monkeypatch)
+    assert run(*TRAIN, "--rewards", stages.airl, "--out", out) == 130
+    monkeypatch.delattr(alignment, "train_expert")
+    assert run("train", "--resume", "--out", out, "--no-tensorboard") == 0
+    require_same_result(out, stages.moral)
+
+
+def test_an_interrupted_run_says_what_is_saved_and_how_to_go_on(
+    stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    at_flush(lambda: any(out.glob(".checkpoint.*")), KeyboardInterrupt(), monkeypatch)
+    assert run(*TRAIN, "--rewards", stages.airl, "--out", out) == 130
+    line = only_line(capsys.readouterr().err, "moral: interrupted; ")
+    assert line == f"1 of 3 answers are saved; go on with: moral train --resume --out {out}"
+    assert not list(out.glob(".*"))
+    assert run("train", "--resume", "--out", out, "--no-tensorboard") == 0
+    require_same_result(out, stages.moral)
+
+
+def test_a_full_disk_leaves_the_last_checkpoint(
+    stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    checkpoint = out / "checkpoint.safetensors"
+    kept: list[bytes] = []
+
+    def writes_second_checkpoint() -> bool:
+        if checkpoint.exists() and any(out.glob(".checkpoint.*")):
+            kept.append(checkpoint.read_bytes())
+            return True
+        return False
+
+    at_flush(writes_second_checkpoint, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), monkeypatch)
+    capsys.readouterr()
+    assert run(*TRAIN, "--rewards", stages.airl, "--out", out) == 2
+    line = only_line(
+        capsys.readouterr().err, f"moral: error: cannot write {checkpoint}: No space left on device"
+    )
+    assert line == f"; go on with: moral train --resume --out {out}"
+    assert [checkpoint.read_bytes()] == kept
+    assert not list(out.glob(".*"))
+    assert run("train", "--resume", "--out", out, "--no-tensorboard") == 0
+    assert answers(out) == [0, 1, 2]
+    require_same_result(out, stages.moral)
+
+
+def test_a_full_disk_loses_no_answer_that_counted(
+    stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    queries = out / "queries.jsonl"
+
+    def answers_second() -> bool:
+        return queries.exists() and queries.read_bytes().count(b"\n") == 2
+
+    at_flush(answers_second, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), monkeypatch)
+    capsys.readouterr()
+    assert run(*TRAIN, "--rewards", stages.airl, "--out", out) == 2
+    only_line(
+        capsys.readouterr().err, f"moral: error: cannot write {queries}: No space left on device; go on"
+    )
+    assert answers(out) == [0]
+    assert run("train", "--resume", "--out", out, "--no-tensorboard") == 0
+    require_same_result(out, stages.moral)
+
+
+def test_a_finished_run_is_left_as_it_is(stages: Stages, capsys: Capture) -> None:
+    before = contents(stages.moral)
+    assert run("train", "--resume", "--out", stages.moral) == 0
+    assert f"The run in {stages.moral} was finished before." in capsys.readouterr().out
+    assert contents(stages.moral) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--seed", "5"], "was started with seed = 0; now it is 5"),
+        (["--queries", "9"], "was started with moral.queries = 3; now it is 9"),
+        (["--noise", "0.3"], "was started with teacher.noise = 0.2; now it is 0.3"),
+        (["--normaliser.max-steps", "1"], "was started with normaliser.max_steps = 128; now it is 1"),
+    ],
+)
+def test_a_run_is_not_resumed_as_another(
+    options: list[str], message: str, stages: Stages, capsys: Capture
+) -> None:
+    before = contents(stages.moral)
+    assert refusal(capsys, "train", "--resume", "--out", stages.moral, *options).endswith(message)
+    assert contents(stages.moral) == before
+
+
+def test_only_a_run_of_moral_is_resumed(stages: Stages, tmp_path: Path, capsys: Capture) -> None:
+    nowhere = tmp_path / "nowhere"
+    message = refusal(capsys, "train", "--resume", "--out", nowhere)
+    assert message == f"there is no run in {nowhere} to resume; start it without --resume"
+    assert not nowhere.exists()
+    assert "holds a run of moral airl" in refusal(capsys, "train", "--resume", "--out", stages.airl)
+    config = json.loads((stages.moral / "config.json").read_text())
+    del config["moral"]["queries"], config["teacher"]
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    assert "configuration is damaged" in refusal(capsys, "train", "--resume", "--out", tmp_path)

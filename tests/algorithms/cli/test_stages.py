@@ -1,0 +1,99 @@
+"""The single commands, one after the other, and what they leave."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from moral_algorithms.demonstrations import Demonstrations
+from moral_algorithms.networks.files import load_policy, load_reward
+from moral_algorithms.worlds import WorldSpec
+from tests.algorithms.cli.commands import AIRL, DEMONSTRATE, EXPERT, RULES, TRAIN, contents, run
+from tests.algorithms.cli.conftest import Stages
+
+WORLD = WorldSpec("emergency", {RULES[i]: int(RULES[i + 1]) for i in range(1, len(RULES), 2)})
+
+
+def test_every_stage_leaves_what_the_next_one_needs(stages: Stages) -> None:
+    assert load_policy(stages.expert / "policy.safetensors").world == WORLD
+    demonstrations = Demonstrations.load(stages.demonstrations)
+    assert (demonstrations.world, demonstrations.num_episodes) == (WORLD, 4)
+    _, normaliser, world = load_reward(stages.airl / "reward.safetensors")
+    summary = json.loads((stages.airl / "summary.json").read_text())
+    assert (normaliser, world) == (summary["normaliser"], WORLD)
+    assert load_policy(stages.moral / "policy.safetensors").world == WORLD
+    summary = json.loads((stages.moral / "summary.json").read_text())
+    assert summary["queries"] == 3
+    assert summary["weights"].keys() == {"extinguish", "learned_1"}
+    assert sum(summary["weights"].values()) == pytest.approx(1)
+    assert summary["env_steps"] == {"primary": 128 + 200 * 8, "moral": 640}
+
+
+def test_the_same_seed_gives_the_same_result(stages: Stages, tmp_path: Path) -> None:
+    expert, recorded, airl = (tmp_path / name for name in ("expert", "demonstrations.npz", "airl"))
+    assert run(*EXPERT, "--out", expert) == 0
+    assert run(*DEMONSTRATE, "--expert", expert, "--out", recorded) == 0
+    assert run(*AIRL, "--demonstrations", recorded, "--out", airl) == 0
+    networks = ("policy.safetensors", "reward.safetensors")
+    for made, before in ((expert, stages.expert), (airl, stages.airl)):
+        again, first = contents(made), contents(before)
+        assert [again.get(name) for name in networks] == [first.get(name) for name in networks]
+    first_states, states = (Demonstrations.load(path).states for path in (stages.demonstrations, recorded))
+    assert (first_states == states).all()
+
+
+def test_another_seed_gives_another_result(stages: Stages, tmp_path: Path) -> None:
+    assert run(*EXPERT, "--out", tmp_path, "--seed", "1") == 0
+    policy = "policy.safetensors"
+    assert (tmp_path / policy).read_bytes() != (stages.expert / policy).read_bytes()
+
+
+def test_several_experts_and_a_ratio_teacher(stages: Stages, tmp_path: Path) -> None:
+    options = ("--teacher", "ratio", "--ratio", "goal_time", "3", "people_saved", "1")
+    assert run(*TRAIN, "--rewards", stages.airl, stages.airl, "--out", tmp_path, *options) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert list(summary["weights"]) == ["extinguish", "learned_1", "learned_2"]
+    assert {"learned_1.safetensors", "learned_2.safetensors"} <= contents(tmp_path).keys()
+
+
+def test_event_files_go_into_the_run_directory(tmp_path: Path) -> None:
+    assert run(*(word for word in EXPERT if word != "--no-tensorboard"), "--out", tmp_path) == 0
+    assert list(tmp_path.glob("tensorboard/events.out.tfevents.*"))
+
+
+def test_an_evaluation_is_seeded_and_set_beside_the_optimum(
+    stages: Stages, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def evaluate(*options: str) -> dict[str, dict[str, float]]:
+        capsys.readouterr()
+        assert run("evaluate", "--run", stages.moral, "--episodes", "16", "--json", *options) == 0
+        result: dict[str, dict[str, float]] = json.loads(capsys.readouterr().out)
+        return result
+
+    first = evaluate()
+    assert first == evaluate()
+    assert first["objectives"] != evaluate("--seed", "1")["objectives"]
+    likeliest = evaluate("--deterministic")
+    assert likeliest["optimum"] == first["optimum"]
+    assert first["optimum"]["people_saved"] >= first["objectives"]["people_saved"]
+    assert first["objectives"].keys() == first["standard_errors"].keys() == {"goal_time", "people_saved"}
+
+
+def test_an_evaluation_is_shown_as_a_table(stages: Stages, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("evaluate", "--run", stages.moral, "--episodes", "4") == 0
+    out = capsys.readouterr().out
+    assert "exact optimum" in out
+    assert "people_saved" in out
+    assert "\x1b" not in out
+
+
+def test_delivery_is_evaluated_without_an_optimum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rules = ("--world", "delivery", "--rules", "max_cycles", "8")
+    assert run(*EXPERT, "--out", tmp_path, *rules, "--weights", "1", "1", "1", "0") == 0
+    capsys.readouterr()
+    assert run("evaluate", "--run", tmp_path, "--episodes", "4", "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["optimum"] is None
+    assert result["objectives"].keys() == {"delivered", "helped", "cleaned", "vases_broken"}

@@ -200,6 +200,10 @@ def test_what_it_returns_is_not_its_own_state() -> None:
             info["vector_reward"][:] = 7
             if "replay" in info:
                 np.testing.assert_array_equal(info["replay"].actions, twin_info["replay"].actions)
+        assert venv.transitions is not None
+        assert twin.transitions is not None
+        for one, other in zip(venv.transitions, twin.transitions, strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 def test_seed_chooses_the_streams_of_the_next_reset_only() -> None:

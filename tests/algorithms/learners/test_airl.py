@@ -163,6 +163,42 @@ def test_updates_raise_the_accuracy_on_both_sides(demonstrations: Demonstrations
     assert balanced[-1] > 0.75
 
 
+def test_the_discriminator_sees_transitions_of_both_sides(demonstrations: Demonstrations) -> None:
+    states = demonstrations.states
+    demonstrated = set(pair_keys(states[:, :-1], states[:, 1:]))
+    stepped: set[tuple[bytes, bytes]] = set()
+    checked = 0
+
+    def look(network: torch.nn.Module, states: tuple[torch.Tensor, torch.Tensor]) -> None:
+        nonlocal checked
+        now, after = (tensor.numpy() for tensor in states)
+        if len(now) == 16:
+            # The reward of a step in 16 environments.
+            stepped.update(pair_keys(now, after))
+        else:
+            assert len(now) == 2 * 128
+            assert set(pair_keys(now[:128], after[:128])) <= stepped
+            assert set(pair_keys(now[128:], after[128:])) <= demonstrated
+            assert len(set(pair_keys(now[:128], after[:128]))) > 30
+            assert len(set(pair_keys(now[128:], after[128:]))) > 30
+            checked += 1
+
+    handle = torch.nn.modules.module.register_module_forward_pre_hook(
+        lambda module, states: look(module, states) if isinstance(module, ShapedRewardNetwork) else None
+    )
+    try:
+        discriminate(demonstrations, 128, discriminator_updates=3)
+    finally:
+        handle.remove()
+    assert checked == 3
+
+
+def pair_keys(now: NDArray[np.uint8], after: NDArray[np.uint8]) -> list[tuple[bytes, bytes]]:
+    """States (..., C, H, W) and next states as something that a set can hold."""
+    now, after = now.reshape(-1, *SHAPE), after.reshape(-1, *SHAPE)
+    return [(one.tobytes(), other.tobytes()) for one, other in zip(now, after, strict=True)]
+
+
 def test_the_returned_network_is_an_average_over_updates(demonstrations: Demonstrations) -> None:
     discriminator, network, _ = discriminate(demonstrations, 128, averaging=0.0, discriminator_updates=3)
     for name, value in parameters(network).items():

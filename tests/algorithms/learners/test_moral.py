@@ -181,6 +181,16 @@ def test_a_query_shows_two_different_recent_episodes(uninterrupted: tuple[Path, 
         seen |= keys  # type: ignore[arg-type]
 
 
+def test_no_episode_is_compared_with_itself(tmp_path: Path) -> None:
+    # Two episodes to choose from, and a choice that does not look at them.
+    pairs = ppo_config(num_envs=2, rollout_steps=8, batch_size=16, epochs=1)
+    settings = config(steps=160, queries=10, query_span=1.0, acquisition="random", ppo=pairs)
+    run(tmp_path, Recorder(), settings)
+    answers = read_lines(tmp_path / "queries.jsonl")
+    assert len(answers) == 9
+    assert all(answer["episodes"][0] != answer["episodes"][1] for answer in answers)
+
+
 @pytest.mark.parametrize("acquisition", ["random", "volume_removal"])
 def test_the_best_of_the_candidates_is_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, acquisition: str

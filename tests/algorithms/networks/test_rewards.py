@@ -7,7 +7,11 @@ import pytest
 import torch
 from torch import nn
 
-from moral_algorithms.networks.rewards import REWARD_ARCHITECTURES, ShapedRewardNetwork
+from moral_algorithms.networks.rewards import (
+    REWARD_ARCHITECTURES,
+    RewardArchitecture,
+    ShapedRewardNetwork,
+)
 from moral_envs import delivery_v0, emergency_v0
 from moral_envs.engine import Engine
 from moral_envs.world import World
@@ -42,7 +46,8 @@ class Total(nn.Module):
 
 def test_the_reward_is_g_plus_discounted_difference_of_h(monkeypatch: pytest.MonkeyPatch) -> None:
     parts = iter([Total(2, 3.0), Total(1, 5.0)])
-    monkeypatch.setitem(REWARD_ARCHITECTURES, "totals", lambda shape: next(parts))
+    totals = RewardArchitecture(lambda shape: nn.Identity(), lambda shape: next(parts))
+    monkeypatch.setitem(REWARD_ARCHITECTURES, "totals", totals)
     network = ShapedRewardNetwork((3, 4, 4), "totals", gamma=0.5)
     states = torch.zeros(2, 3, 4, 4, dtype=torch.uint8)
     next_states = torch.zeros_like(states)
@@ -65,7 +70,8 @@ def test_every_architecture_composes_its_two_networks(architecture: str, world: 
     values = network(states, next_states)
     assert values.shape == (6,)
     with torch.no_grad():
-        g, h, after = network.g(states.float()), network.h(states.float()), network.h(next_states.float())
+        now, later = network.encoding(states.float()), network.encoding(next_states.float())
+        g, h, after = network.g(now), network.h(now), network.h(later)
     expected = (g + 0.9 * after - h).squeeze(1)
     # The network may multiply in bfloat16; its values are about 0.1.
     torch.testing.assert_close(values, expected, atol=5e-3, rtol=0)
@@ -76,7 +82,7 @@ def test_every_architecture_composes_its_two_networks(architecture: str, world: 
 
 
 def test_mlp_has_the_layers_of_figure_3_5() -> None:
-    network = REWARD_ARCHITECTURES["mlp"]((4, 8, 8))
+    network = ShapedRewardNetwork((4, 8, 8), "mlp").g
     linear = [module for module in network.modules() if isinstance(module, nn.Linear)]
     assert [(m.in_features, m.out_features) for m in linear] == [(256, 256), (256, 512), (512, 256), (256, 1)]
     slopes = [module.negative_slope for module in network.modules() if isinstance(module, nn.LeakyReLU)]
@@ -84,7 +90,7 @@ def test_mlp_has_the_layers_of_figure_3_5() -> None:
 
 
 def test_conv_has_the_layers_of_appendix_b_1_2() -> None:
-    network = REWARD_ARCHITECTURES["conv"]((6, 16, 16))
+    network = ShapedRewardNetwork((6, 16, 16), "conv").g
     convolutions = [module for module in network.modules() if isinstance(module, nn.Conv2d)]
     assert [(c.in_channels, c.out_channels) for c in convolutions] == [(6, 32), (32, 32), (32, 16)]
     assert all(c.kernel_size == (2, 2) and c.stride == (1, 1) and c.padding == (0, 0) for c in convolutions)
@@ -101,7 +107,9 @@ def test_fast_tells_a_removed_object_from_one_out_of_sight() -> None:
     states[:, 1, 1, 1] = 1
     states[1, 2, 14, 14] = 1
     torch.manual_seed(0)
-    first, second = REWARD_ARCHITECTURES["fast"](tuple(states.shape[1:]))(states)[:, 0].tolist()  # type: ignore[arg-type]
+    network = ShapedRewardNetwork(Engine(DELIVERY).observation_shape, "fast")
+    with torch.no_grad():
+        first, second = network.g(network.encoding(states))[:, 0].tolist()
     assert first != second
 
 

@@ -21,7 +21,7 @@ class Machine:
     device: Literal["cpu", "cuda", "auto"] = "cpu"
     """Where networks live; auto takes a GPU if there is one."""
     threads: int = 1
-    """Threads of PyTorch: more than one pay only for the large networks of the thesis; 0 takes one per core."""
+    """Threads of PyTorch; more than one pay only for the thesis's large networks. 0 takes one per core."""
 
     def prepare(self) -> str:
         """Set the threads and return the device.

@@ -235,7 +235,7 @@ class Discriminator(BaseCallback):
     def _update(
         self, states: torch.Tensor, next_states: torch.Tensor, log_probabilities: torch.Tensor
     ) -> tuple[float, float]:
-        """Take one gradient step on a batch whose first half is the policy's, whose second half is demonstrated.
+        """Take one gradient step on a batch: first half the policy's transitions, second half demonstrated.
 
         Returns the accuracies on the two halves.
         """

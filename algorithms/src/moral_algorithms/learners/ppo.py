@@ -277,7 +277,7 @@ def load_ppo_state(model: PPO, arrays: Arrays, metadata: dict[str, Any]) -> None
     entries: dict[int, dict[str, torch.Tensor]] = {}
     for key, value in _under(arrays, "optimiser.").items():
         index, name = key.split(".", 1)
-        tensor, parameter = torch.from_numpy(value), parameters[int(index)]
+        tensor, parameter = torch.from_numpy(value.copy()), parameters[int(index)]
         if tensor.shape == parameter.shape:
             # The fused optimiser walks through memory: moments must lie there as their parameter does.
             tensor = torch.empty_like(parameter).copy_(tensor)

@@ -18,10 +18,12 @@ def test_python_blocks_run(block: str, capsys: pytest.CaptureFixture[str]) -> No
 
 def test_commands_exist() -> None:
     shown = set(re.findall(r"^moral (\w+)", README, flags=re.MULTILINE))
-    assert shown and shown <= set(COMMANDS)
+    assert shown
+    assert shown <= set(COMMANDS)
     targets = set(re.findall(r"^make (\w+)", README, flags=re.MULTILINE))
     makefile = (Path(__file__).parents[1] / "Makefile").read_text(encoding="utf-8")
-    assert targets and all(f"\n{target}:" in makefile for target in targets)
+    assert targets
+    assert all(f"\n{target}:" in makefile for target in targets)
 
 
 def test_links_inside_the_repository_lead_somewhere() -> None:

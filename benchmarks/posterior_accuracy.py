@@ -67,9 +67,11 @@ def measure(seed: int) -> dict[str, Any]:
 
 def grid_mean(differences: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean weights by brute force, for answers that all preferred the first of ``differences`` (q, 3)."""
-    first, second = np.meshgrid(np.arange(0.5, 80) / 80, np.arange(0.5, 80) / 80)
-    inside = first + second < 1
-    weights = np.stack([first[inside], second[inside], 1 - first[inside] - second[inside]], axis=1)
+    cells = 80
+    first, second = (index.ravel() for index in np.meshgrid(np.arange(cells), np.arange(cells)))
+    third = cells - 1 - first - second
+    # A third, so that the triangular lattice lies symmetrically in the simplex.
+    weights = (np.stack([first, second, third], axis=1)[third >= 0] + 1 / 3) / cells
     rationality = np.arange(0.5, 300) * 1.0
     # A priori the weights are uniform on the simplex and their scale is Gamma distributed with shape 3.
     log_mass = 2 * np.log(rationality) - 3 * rationality / MEAN_RATIONALITY

@@ -1,1 +1,1 @@
-"""One module for each figure and table of the thesis: what to run, how to judge it, how to draw it."""
+"""What is measured: one module for each benchmark, and their results."""

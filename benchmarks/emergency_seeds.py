@@ -1,6 +1,6 @@
 """``moral demo`` over several seeds: what it reaches, how long it takes, and how far it is from the optimum.
 
-    python -m benchmarks.emergency_seeds --json benchmarks/results/emergency_seeds.json
+    python -m benchmarks.emergency_seeds
 
 Every seed is a process of its own, ``--jobs`` at a time; times mean something with one job on an idle
 machine. The results file holds the summary of every seed and the mean and spread over seeds. Nothing is tuned
@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from moral_algorithms.plotting import THESIS
 from moral_algorithms.run_directory import versions
 from moral_algorithms.storage import write_json
 
-# What the thesis reports for MORAL in Emergency (table 4.1).
-THESIS = {"people_saved": 5.76, "goal_time": 40.08}
+RESULTS = Path(__file__).parent / "results" / "emergency_seeds.json"
 
 
 def main() -> None:
@@ -32,7 +32,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
     parser.add_argument("--jobs", type=int, default=1, help="demos at a time")
-    parser.add_argument("--json", type=Path, default=None, help="file for the results")
+    parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
     arguments = parser.parse_args()
     with ThreadPoolExecutor(arguments.jobs) as pool:
         summaries = list(pool.map(run_demo, arguments.seeds))
@@ -44,8 +44,7 @@ def main() -> None:
         "runs": summaries,
     }
     report(results)
-    if arguments.json is not None:
-        write_json(arguments.json, results)
+    write_json(arguments.json, results)
 
 
 def run_demo(seed: int) -> dict[str, Any]:
@@ -84,7 +83,7 @@ def report(results: dict[str, Any]) -> None:
     """Print the figures beside the thesis's."""
     print(f"{'':22}{'mean':>12}{'spread':>12}{'least':>12}{'most':>12}{'thesis':>10}")
     for name, figure in results["summary"].items():
-        thesis = f"{THESIS[name]:.2f}" if name in THESIS else ""
+        thesis = f"{THESIS['MORAL'][name]:.2f}" if name in THESIS["MORAL"] else ""
         values = "".join(f"{figure[key]:>12,.2f}" for key in ("mean", "standard_deviation", "least", "most"))
         print(f"{name:22}{values}{thesis:>10}")
 

@@ -70,7 +70,9 @@ def measure_vector(name: str, config: Config) -> dict[str, float]:
     """Vector face: environment steps per second, beside copying as many bytes as it returns observations."""
     envs = MODULES[name].vector_env(config.num_envs)
     observations, _ = envs.reset(seed=config.seed)
-    steps = config.episodes * (envs.engine.world.horizon + 1)  # the automatic reset takes a step
+    # The automatic reset takes a call of its own, which is no step of an environment.
+    environment_steps = config.episodes * envs.engine.world.horizon
+    steps = environment_steps + config.episodes
     rng = np.random.default_rng(config.seed)
     actions = rng.integers(NUM_ACTIONS, size=(steps, config.num_envs))
 
@@ -84,7 +86,7 @@ def measure_vector(name: str, config: Config) -> dict[str, float]:
 
     step_seconds, copy_seconds = medians([step, copy], config.repeats)
     return {
-        "steps_per_second": config.num_envs * steps / step_seconds,
+        "steps_per_second": config.num_envs * environment_steps / step_seconds,
         "step_microseconds": step_seconds / steps * 1e6,
         "copy_microseconds": copy_seconds / steps * 1e6,
         "ratio_to_copy": step_seconds / copy_seconds,
@@ -162,13 +164,22 @@ def table(results: dict[str, Any], config: Config) -> str:
     return "\n".join(lines)
 
 
+def processor() -> str:
+    """Name of the processor, as exactly as the system tells it."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor() or platform.machine())
+
+
 def write_json(path: Path, results: dict[str, Any], config: Config) -> None:
     """Store the measurements with what produced them."""
     record = {
         "config": asdict(config),
         "versions": {name: version(name) for name in ("numpy", "gymnasium", "pettingzoo")},
         "python": platform.python_version(),
-        "machine": f"{platform.system()} {platform.machine()}",
+        "platform": platform.platform(),
+        "processor": processor(),
         "results": results,
     }
     temporary = path.with_name(path.name + ".tmp")

@@ -1,6 +1,6 @@
 """The posterior after 25 queries in three dimensions: seconds per update, distance to a dense-grid integral.
 
-    python -m benchmarks.posterior_accuracy --json benchmarks/results/posterior_accuracy.json
+    python -m benchmarks.posterior_accuracy
 
 A simulated teacher with known weights answers random pairs; every answer is one update. The mean weights are
 then compared with an integral over a dense grid, which shares nothing with the sampler but the model itself.
@@ -21,6 +21,7 @@ from moral_algorithms.preferences import BradleyTerry, Posterior, Preference, Ra
 from moral_algorithms.run_directory import versions
 from moral_algorithms.storage import write_json
 
+RESULTS = Path(__file__).parent / "results" / "posterior_accuracy.json"
 QUERIES = 25
 MEAN_RATIONALITY = 40.0
 
@@ -29,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure for every seed and report."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(10)))
-    parser.add_argument("--json", type=Path, default=None, help="file for the results")
+    parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
     options = parser.parse_args(arguments)
     runs = [measure(seed) for seed in options.seeds]
     results = {
@@ -43,8 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{QUERIES} queries, 3 components, {len(runs)} seeds")
     print(f"slowest update: {1e3 * results['slowest_update_seconds']:.1f} ms")
     print(f"largest distance of a mean weight to the grid's: {results['largest_error']:.4f}")
-    if options.json is not None:
-        write_json(options.json, results)
+    write_json(options.json, results)
 
 
 def measure(seed: int) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, write_lines
+from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, repair_lines, write_lines
 from moral_algorithms.storage import StorageError, read_json, write_json
 from tests.algorithms.full_disk import files_in, full_disk
 
@@ -73,8 +73,15 @@ def test_a_configuration_comes_back_and_is_compared(tmp_path: Path) -> None:
     directory.require_config({"seed": 3, "weights": (1.0, 2.0)})
     with pytest.raises(StorageError, match="was started with seed = 3; now it is 4"):
         directory.require_config({"seed": 4, "weights": (1.0, 2.0)})
-    with pytest.raises(StorageError, match="holds a run already"):
+    with pytest.raises(StorageError, match=r"holds a run already \(config\.json\)"):
         directory.require_new()
+
+
+@pytest.mark.parametrize("name", ["checkpoint.safetensors", "queries.jsonl", "summary.json"])
+def test_what_is_left_of_a_run_is_named(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).touch()
+    with pytest.raises(StorageError, match=rf"holds a run already \({name}\); choose another folder"):
+        RunDirectory(tmp_path).require_new()
 
 
 @pytest.mark.parametrize("value", [[], {}, {"format_version": 0}, {"format_version": "1"}])
@@ -106,13 +113,19 @@ def test_lines_come_back(tmp_path: Path) -> None:
 
 @settings(max_examples=25)
 @given(cut=st.integers(1, 29))
-def test_a_torn_last_line_is_removed_for_good(tmp_path_factory: pytest.TempPathFactory, cut: int) -> None:
+def test_a_torn_last_line_is_ignored_until_it_is_repaired(
+    tmp_path_factory: pytest.TempPathFactory, cut: int
+) -> None:
     path = tmp_path_factory.mktemp("torn") / "lines"
     append_line(path, "whole")
     append_line(path, "a line of thirty bytes here")
     assert path.stat().st_size == 8 + 30
     os.truncate(path, 8 + cut)
     assert read_lines(path) == ["whole"]
+    assert path.stat().st_size == 8 + cut
+    repair_lines(path)
+    assert path.read_bytes() == b'"whole"\n'
+    repair_lines(path)
     append_line(path, "next")
     assert read_lines(path) == ["whole", "next"]
 
@@ -125,6 +138,13 @@ def test_another_damaged_line_is_named(tmp_path: Path) -> None:
     assert "\n" not in str(error.value)
     with pytest.raises(StorageError, match="cannot read"):
         read_lines(tmp_path)
+    with pytest.raises(StorageError, match="cannot repair"):
+        repair_lines(tmp_path)
+
+
+def test_no_lines_need_no_repair(tmp_path: Path) -> None:
+    repair_lines(tmp_path / "lines")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_full_disk_in_the_middle_of_a_line_takes_it_back(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ class Reference:
     agents: list[Cell]
     objects: dict[Cell, int]
     """The kind, as its position in ``world.objects``, of the object on a cell."""
-    first_agent: int
+    turn_offset: int
     team_reward: bool = False
     time: int = 0
     objectives: list[list[int]] = field(default_factory=list)
@@ -47,8 +47,7 @@ class Reference:
     def step(self, actions: list[int]) -> list[list[float]]:
         """Let all agents act, one after the other; returns their reward vectors."""
         rewards = [[0.0] * len(self.world.reward_names) for _ in self.agents]
-        for turn in range(len(self.agents)):
-            agent = (self.first_agent + self.time + turn) % len(self.agents)
+        for agent in self.order():
             for effect in self.act(agent, actions[agent]):
                 paid = range(len(self.agents)) if self.team_reward else [agent]
                 for receiver in paid:
@@ -56,6 +55,13 @@ class Reference:
                     self.objectives[receiver][self.world.objective_names.index(effect.objective)] += 1
         self.time += 1
         return rewards
+
+    def order(self) -> list[int]:
+        """The agents in the order in which they act: rounds of n steps, upwards and downwards by turns."""
+        num_agents = len(self.agents)
+        past_rounds, first = divmod(self.turn_offset + self.time, num_agents)
+        upwards = [*range(first, num_agents), *range(first)]
+        return upwards if past_rounds % 2 == 0 else [first, *reversed(upwards[1:])]
 
     def act(self, agent: int, action: int) -> list[Effect]:
         """Let one agent act; returns what has happened."""
@@ -106,7 +112,7 @@ class Reference:
 def references(engine: Engine) -> list[Reference]:
     """A slow simulator for each of the engine's environments, from their present placing on."""
     planes, cells = engine.observe()[:, 0], engine.agent_cells
-    first_agents = engine.state_dict()["first_agents"]
+    turn_offsets = engine.state_dict()["turn_offsets"]
     built = []
     for env in range(engine.num_envs):
         objects = {
@@ -115,5 +121,5 @@ def references(engine: Engine) -> list[Reference]:
             for row, column in np.argwhere(planes[env, 2 + kind])
         }
         agents = [(int(row), int(column)) for row, column in cells[env]]
-        built.append(Reference(engine.world, agents, objects, int(first_agents[env]), engine.team_reward))
+        built.append(Reference(engine.world, agents, objects, int(turn_offsets[env]), engine.team_reward))
     return built

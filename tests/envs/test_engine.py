@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -123,7 +125,7 @@ def corridor(agents: list[int], person: int | None = None, first: int = 0) -> En
         planes[2, 1, person] = 1
         contents[1, person] = 2 * NUM_ACTIONS
     state["cells"] = np.array([[CORRIDOR.width + column for column in agents]])
-    state["first_agents"] = np.array([first])
+    state["turn_offsets"] = np.array([first])
     engine.load_state_dict(state)
     return engine
 
@@ -266,7 +268,7 @@ def test_returned_arrays_are_the_callers_own(engine: Engine, seed: int) -> None:
     step = engine.step(actions)
     np.testing.assert_array_equal(actions, given_actions)
     before = snapshot(engine)
-    handed_out = [step.rewards, step.truncations, engine.elapsed, *snapshot(engine).values()]
+    handed_out = [step.rewards, step.truncations, engine.elapsed, engine.streams, *snapshot(engine).values()]
     for array in handed_out:
         array[...] = True if array.dtype == np.bool_ else 77
     actions[...] = 0
@@ -344,19 +346,68 @@ def test_placing_is_uniform_over_distinct_cells() -> None:
     assert 0 < people[:, 6, 6].sum() < 4096 * 6 / 18
 
 
-def test_who_is_first_is_fair() -> None:
-    """Over the batch by the draw at reset, and within an episode by rotation."""
-    engine = seeded(Engine(CORRIDOR, 3000, num_agents=2), seed=0)
-    first = engine.state_dict()["first_agents"]
-    assert abs(first.mean() - 0.5) < 0.05
-    engine = corridor([1, 3])
+@pytest.mark.parametrize("first", range(4))
+def test_two_agents_win_a_contested_cell_equally_often(first: int) -> None:
+    """A contest every third step meets, after four of them, each of the four places in the rounds once."""
+    engine = corridor([1, 3], first=first)
     winners = []
-    for _ in range(CORRIDOR.horizon):
+    for _ in range(4):
         engine.step([[RIGHT, LEFT]])
         winners.append(columns(engine).index(2))
         engine.step([[LEFT if winners[-1] == 0 else WAIT, RIGHT if winners[-1] == 1 else WAIT]])
         engine.step([[WAIT, WAIT]])
-    assert winners.count(0) == winners.count(1) == CORRIDOR.horizon / 2
+    assert winners.count(0) == winners.count(1)
+
+
+@pytest.mark.parametrize("num_agents", [2, 3, 5, 8])
+def test_each_of_two_agents_precedes_the_other_equally_often(num_agents: int) -> None:
+    """Every pair contests a cell, at each of 2 n places in the rounds, while all others wait."""
+    world = replace(CORRIDOR, height=4, width=num_agents + 2, horizon=2 * num_agents)
+    engine = Engine(world, num_agents=num_agents)
+    state = engine.state_dict()
+    for left, right in itertools.combinations(range(num_agents), 2):
+        wins = 0
+        for offset in range(2 * num_agents):
+            # The two stand above and beside the contested cell, the others in the row above, out of the way.
+            others = [agent for agent in range(num_agents) if agent not in (left, right)]
+            cells = np.empty((1, num_agents), dtype=np.int64)
+            cells[0, left], cells[0, right] = world.width + 1, 2 * world.width + 2
+            cells[0, others] = world.width + 2 + np.arange(len(others))
+            engine.load_state_dict({**state, "cells": cells, "turn_offsets": np.array([offset])})
+            actions = np.full((1, num_agents), WAIT)
+            actions[0, left], actions[0, right] = DOWN, LEFT
+            engine.step(actions)
+            moved = (engine.agent_cells[0, [left, right]] == [2, 1]).all(axis=1)
+            assert moved.sum() == 1
+            wins += int(moved[0])
+        assert wins == num_agents
+
+
+@pytest.mark.parametrize("num_agents", [1, 2, 3])
+def test_the_start_of_the_turns_is_drawn_uniformly(num_agents: int) -> None:
+    engine = seeded(Engine(emergency_v0.world(), 3000, num_agents), seed=0)
+    counts = np.bincount(engine.state_dict()["turn_offsets"].astype(np.int64), minlength=2 * num_agents)
+    np.testing.assert_allclose(counts / 3000, 1 / (2 * num_agents), atol=0.05)
+
+
+def test_the_turns_move_on_by_one_every_step() -> None:
+    for offset in range(6):
+        engine, later = (seeded(Engine(emergency_v0.world(), 1, 3), seed=1) for _ in range(2))
+        state = {**engine.state_dict(), "turn_offsets": np.array([offset])}
+        engine.load_state_dict(state)
+        engine.step([[WAIT] * 3])
+        later.load_state_dict({**state, "turn_offsets": np.array([(offset + 1) % 6])})
+        actions = random_actions(engine, np.random.default_rng(offset))
+        np.testing.assert_array_equal(engine.step(actions).rewards, later.step(actions).rewards)
+        np.testing.assert_array_equal(engine.agent_cells, later.agent_cells)
+
+
+def test_past_the_horizon_every_step_truncates_until_a_reset() -> None:
+    engine = corridor([1])
+    truncations = [bool(engine.step([WAIT]).truncations[0]) for _ in range(CORRIDOR.horizon + 3)]
+    assert truncations == [False] * (CORRIDOR.horizon - 1) + [True] * 4
+    engine.reset()
+    assert not engine.step([WAIT]).any_truncation
 
 
 def test_a_stream_does_not_depend_on_the_size_of_the_batch() -> None:

@@ -360,15 +360,19 @@ def test_what_multi_agent_environments_return_is_the_callers_own() -> None:
         np.testing.assert_array_equal(careful.state(), careless.state())
 
 
-def test_aec_observations_and_rewards_are_the_callers_own() -> None:
+def test_all_that_aec_last_returns_is_the_callers_own() -> None:
     env = emergency_v0.env(num_agents=2)
     env.reset(seed=0)
     for _ in range(10):
-        observation, reward, _, _, _ = env.last()
+        observation, reward, _, _, info = env.last()
         kept_observation, kept_reward = observation.copy(), reward.copy()
-        observation[...], reward[...] = 7, 7
+        kept_objectives = info["objectives"].copy()
+        observation[...], reward[...], info["objectives"][...] = 7, 7, 7
+        info["more"] = 7
         np.testing.assert_array_equal(env.last()[0], kept_observation)
         np.testing.assert_array_equal(env.last()[1], kept_reward)
+        assert list(env.last()[4]) == ["objectives"]
+        np.testing.assert_array_equal(env.last()[4]["objectives"], kept_objectives)
         env.step(4)
 
 

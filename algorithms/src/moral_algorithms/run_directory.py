@@ -76,9 +76,12 @@ class RunDirectory:
             yield
 
     def require_new(self) -> None:
-        """Raise a StorageError if a run has already been started here."""
-        if self.config.exists():
-            raise StorageError(f"{self.path} holds a run already; choose another folder, or --resume it")
+        """Raise a StorageError if a run has already been started here, whatever is left of it."""
+        for path in (self.config, self.checkpoint, self.queries, self.summary):
+            if path.exists():
+                raise StorageError(
+                    f"{self.path} holds a run already ({path.name}); choose another folder, or --resume it"
+                )
 
     def write_config(self, config: dict[str, Any]) -> None:
         """Write the configuration, JSON-able values by name, with the versions it runs under.
@@ -145,7 +148,7 @@ def append_line(path: Path, value: Any) -> None:
 
 
 def read_lines(path: Path) -> list[Any]:
-    """Read the complete JSON lines of a file; a last line cut off by a crash is removed from it.
+    """Read the complete JSON lines of a file; a last line cut off by a crash is not one of them.
 
     Raises
     ------
@@ -154,20 +157,36 @@ def read_lines(path: Path) -> list[Any]:
     """
     try:
         content = path.read_bytes()
-        complete = content[: content.rfind(b"\n") + 1]
-        if complete != content:
-            os.truncate(path, len(complete))
     except FileNotFoundError:
         return []
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror}") from error
     lines = []
-    for number, line in enumerate(complete.splitlines(), start=1):
+    for number, line in enumerate(content.split(b"\n")[:-1], start=1):
         try:
             lines.append(json.loads(line))
         except (ValueError, RecursionError) as error:
             raise StorageError(f"{path} is damaged in line {number}: {error}") from error
     return lines
+
+
+def repair_lines(path: Path) -> None:
+    """Remove a last line cut off by a crash, so that lines can be appended; the caller holds the folder.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be read or written.
+    """
+    try:
+        content = path.read_bytes()
+        complete = content.rfind(b"\n") + 1
+        if complete < len(content):
+            os.truncate(path, complete)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise StorageError(f"cannot repair {path}: {error.strerror}") from error
 
 
 def write_lines(path: Path, values: Iterable[Any]) -> None:

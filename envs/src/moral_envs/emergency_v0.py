@@ -46,11 +46,12 @@ After `max_cycles` steps. No state is terminal.
 
 ## Several Agents
 `parallel_env` and `env` take up to 16 agents, `agent_0`, `agent_1`, ... They act one after the other
-within a step. The order is rotated by one at every step, from a start that is drawn at reset: over an
-episode each agent is first equally often, give or take one step. A move onto another agent's cell becomes
+within a step. Who is first rotates by one at every step; the order runs upwards in the agents' numbers for
+as many steps as there are agents, then downwards for as many, and so on, from a start that is drawn at
+reset. So each of any two agents precedes the other equally often. A move onto another agent's cell becomes
 waiting; of two agents that want the same cell or object, the one earlier in the order gets it. Each agent
-is paid and counted for what it does itself; with `team_reward=True` all are paid and counted for what
-they do together.
+is paid and counted for what it does itself; with `team_reward=True` all are paid and counted for what they
+do together.
 
 ## Arguments
 All faces take:

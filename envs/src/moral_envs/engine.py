@@ -8,10 +8,13 @@ Rules
 -----
 The agent moves (walls and other agents block; objects do not) or interacts with a neighbouring cell. Then the
 fixture pays if the agent stands on its cell. Rewards and counters see the state after the move. Every
-environment truncates after ``world.horizon`` steps and goes on only after a reset.
+environment truncates after ``world.horizon`` steps. The engine does not stop there: until the environment is
+reset its world goes on and every step truncates again. It is the faces that refuse to step beyond the end.
 
-Agents act one after the other. Who is first rotates by one every step from an offset drawn at reset, so the
-order is fixed by the seed, and over an episode every agent is first equally often, give or take one step.
+Agents act one after the other. Who is first rotates by one every step, and the order goes round upwards in
+the agents' numbers for as many steps as there are agents and downwards for as many. So over twice as many
+steps as agents each of any two agents precedes the other equally often. Where in these rounds an episode
+starts is drawn at reset, so the order is fixed by the seed.
 """
 
 from __future__ import annotations
@@ -111,11 +114,6 @@ class Engine:
         False: every agent is paid, and counted, for what it does itself. True: every agent gets the sum over
         all agents.
 
-    Attributes
-    ----------
-    streams : uint64 array of shape (n_envs,)
-        State of each environment's random stream (see :mod:`moral_envs.streams`).
-
     Raises
     ------
     ValueError
@@ -139,7 +137,7 @@ class Engine:
         self.num_envs = num_envs
         self.num_agents = num_agents
         self.team_reward = team_reward
-        self.streams = spawn_streams(None, num_envs)
+        self._streams = spawn_streams(None, num_envs)
 
         planes = len(world.plane_names)
         cells = world.height * world.width
@@ -167,7 +165,10 @@ class Engine:
 
         self._addresses = np.zeros((num_envs, num_agents), dtype=np.int64)
         self._counters = np.zeros((num_envs, num_agents, len(world.objective_names)), dtype=np.int64)
-        self._first_agents = np.zeros(num_envs, dtype=np.int64)
+        # Views without the axis of agents; so these two arrays change in place only.
+        self._flat_addresses = self._addresses.reshape(-1)
+        self._flat_counters = self._counters.reshape(num_envs * num_agents, -1)
+        self._turn_offsets = np.zeros(num_envs, dtype=np.int64)
         # One clock for all environments; each ends at its own time, and the earliest of these is kept.
         self._clock = 0
         self._ends = np.zeros(num_envs, dtype=np.int64)
@@ -176,8 +177,8 @@ class Engine:
         kinds = np.repeat(np.arange(len(world.objects)), [kind.count for kind in world.objects])
         self._object_contents = ((_FIRST_OBJECT + kinds) * NUM_ACTIONS).astype(np.uint8)[:, None]
         self._object_planes = ((1 + kinds) * cells)[:, None]
-        # Placing needs one draw per agent and object, and one for who moves first.
-        bounds = [world.num_free_cells - i for i in range(wanted)] + [num_agents]
+        # Placing needs one draw per agent and object, and one for the order of the agents.
+        bounds = [world.num_free_cells - i for i in range(wanted)] + [2 * num_agents]
         self._draw_bounds = np.array(bounds, dtype=np.uint64)
         self.reset()
 
@@ -186,6 +187,11 @@ class Engine:
         """Shape (C, H, W) of one agent's observation."""
         others = 1 if self.num_agents > 1 else 0
         return len(self.world.plane_names) + others, self.world.height, self.world.width
+
+    @property
+    def streams(self) -> NDArray[np.uint64]:
+        """States of the random streams (:mod:`moral_envs.streams`), shape (n_envs,), a fresh array."""
+        return self._streams.copy()
 
     @property
     def agent_cells(self) -> NDArray[np.int64]:
@@ -217,7 +223,7 @@ class Engine:
         """
         assert streams.shape == (self.num_envs,)
         assert streams.dtype == np.uint64
-        self.streams = streams.copy() if mask is None else np.where(mask, streams, self.streams)
+        np.copyto(self._streams, streams, where=True if mask is None else mask)
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Start new episodes in all environments, or in those in ``mask``, from their own streams.
@@ -235,10 +241,10 @@ class Engine:
         origins = self._origins[envs, 0]
         if origins.size == 0:
             return
-        streams = self.streams[envs]
+        streams = self._streams[envs]
         draws = draw_integers(streams, self._draw_bounds)
-        self.streams[envs] = streams
-        self._first_agents[envs] = draws[-1]
+        self._streams[envs] = streams
+        self._turn_offsets[envs] = draws[-1]
         addresses = _sample_distinct(self._free_cells, draws[:-1]) + origins
         agents, objects = addresses[: self.num_agents], addresses[self.num_agents :]
 
@@ -311,18 +317,18 @@ class Engine:
             A fresh array of 0/1 planes in the order of ``world.plane_names``.
         """
         planes = self._planes.copy()
-        planes[self._addresses] = 1
+        planes[self._flat_addresses] = 1
         return planes.reshape(self.num_envs, -1, self.world.height, self.world.width)
 
     def state_dict(self) -> dict[str, NDArray[np.generic]]:
         """Copy the whole state into arrays, for :meth:`load_state_dict`."""
         return {
-            "streams": self.streams.copy(),
+            "streams": self.streams,
             "planes": self._planes.copy(),
             "contents": self._content_rows.copy(),
             "cells": self._addresses - self._origins,
             "counters": self._counters.copy(),
-            "first_agents": self._first_agents.copy(),
+            "turn_offsets": self._turn_offsets.copy(),
             "elapsed": self.elapsed,
         }
 
@@ -339,12 +345,12 @@ class Engine:
             if given is None or given.shape != own.shape or given.dtype != own.dtype:
                 found = "missing" if given is None else f"{given.dtype} {given.shape}"
                 raise ValueError(f"state[{name!r}] is {found}; it must be {own.dtype} {own.shape}")
-        self.streams[:] = state["streams"]
+        self._streams[:] = state["streams"]
         self._planes[:] = state["planes"]
         self._content_rows[:] = state["contents"]
         self._addresses[:] = np.asarray(state["cells"], dtype=np.int64) + self._origins
         self._counters[:] = state["counters"]
-        self._first_agents[:] = state["first_agents"]
+        self._turn_offsets[:] = state["turn_offsets"]
         self._ends[:] = self._clock - np.asarray(state["elapsed"], dtype=np.int64) + self.world.horizon
         self._next_end = int(self._ends.min())
         if self._occupied is not None:
@@ -352,17 +358,15 @@ class Engine:
             self._occupied[self._addresses] = 1
 
     def _require_actions(self, actions: ArrayLike) -> NDArray[np.int64]:
-        """Return ``actions`` as int64 (n_envs, n_agents), or raise a ValueError if they are none."""
+        """Return ``actions`` as an int64 array of their own shape, or raise a ValueError if they are none."""
         array = np.asarray(actions)
-        shape = (self.num_envs, self.num_agents)
         if array.dtype != np.int64:
             if array.dtype.kind not in "iu":
                 raise ValueError(f"actions have dtype {array.dtype}; they must be integers")
             array = array.astype(np.int64)
-        if array.shape != shape:
-            if array.shape != (self.num_envs,) or self.num_agents > 1:
-                raise ValueError(f"actions have shape {array.shape}; they must have shape {shape}")
-            array = array[:, None]
+        shape = (self.num_envs, self.num_agents)
+        if array.shape != shape and (self.num_agents > 1 or array.shape != (self.num_envs,)):
+            raise ValueError(f"actions have shape {array.shape}; they must have shape {shape}")
         # Seen as unsigned, a negative action is a huge one, so that one look at the largest checks both ends.
         unsigned = array.view(np.uint64)
         largest = unsigned.argmax()
@@ -372,18 +376,18 @@ class Engine:
 
     def _act_alone(self, actions: NDArray[np.int64]) -> NDArray[np.float32]:
         """Let the only agent act; returns rewards (n_envs, 1, k)."""
-        outcomes = self._act(self._addresses[:, 0], actions[:, 0])
-        counters = self._counters[:, 0]
-        counters += self._tables.counts.take(outcomes, axis=0)
+        outcomes = self._act(self._flat_addresses, actions.reshape(-1))
+        self._flat_counters += self._tables.counts.take(outcomes, axis=0)
         return self._tables.rewards.take(outcomes, axis=0)[:, None]
 
     def _act_in_turn(self, actions: NDArray[np.int64]) -> NDArray[np.float32]:
         """Let several agents act one after the other; returns rewards (n_envs, n_agents, k)."""
         assert self._occupied is not None
         rewards = np.empty((*actions.shape, len(self.world.reward_names)), dtype=np.float32)
-        first = self._first_agents + self.elapsed
+        phases = (self._turn_offsets + self.elapsed) % (2 * self.num_agents)
+        directions = np.where(phases < self.num_agents, 1, -1)
         for turn in range(self.num_agents):
-            acting = (self._env_indices, (first + turn) % self.num_agents)
+            acting = (self._env_indices, (phases + turn * directions) % self.num_agents)
             addresses, own_actions = self._addresses[acting], actions[acting]
             ahead = self._occupied.take(addresses + self._tables.directions.take(own_actions))
             blocked = (ahead != 0) & (own_actions < _WAIT)
@@ -411,7 +415,8 @@ class Engine:
         if removing.size:
             removed = touched.take(removing)
             self._contents[removed] = _FREE
-            self._planes[removed + tables.planes.take(outcomes.take(removing))] = 0
+            removed += tables.planes.take(outcomes.take(removing))
+            self._planes[removed] = 0
         if self._fixture_addresses is not None:
             standing = addresses == self._fixture_addresses
             np.add(outcomes, tables.num_rows, out=outcomes, where=standing)
@@ -424,11 +429,14 @@ def _sample_distinct(values: NDArray[np.int64], draws: NDArray[np.int64]) -> NDA
     Fisher and Yates: draw ``i`` lies in ``0 .. f - 1 - i`` and picks from the values not yet taken.
     """
     count, columns = draws.shape
-    pool = np.repeat(values[:, None], columns, axis=1)
+    # A short integer type, so that the whole pool stays in the processor's cache.
+    pool = np.repeat(values.astype(np.int32)[:, None], columns, axis=1)
     flat = pool.ravel()
-    picks = (draws + np.arange(count)[:, None]) * columns + np.arange(columns)
-    taken = np.empty((count, columns), dtype=np.int64)
+    picks = draws + np.arange(count)[:, None]
+    picks *= columns
+    picks += np.arange(columns)
+    taken = np.empty((count, columns), dtype=np.int32)
     for i in range(count):
         taken[i] = flat.take(picks[i])
         flat[picks[i]] = pool[i]
-    return taken
+    return taken.astype(np.int64)

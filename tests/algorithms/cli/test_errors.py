@@ -55,8 +55,6 @@ def test_a_device_that_is_not_there_is_refused(
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     message = refusal(capsys, *EXPERT, "--out", tmp_path / "out", "--device", "cuda")
     assert message.startswith("device is 'cuda'")
-    assert run(*EXPERT, "--out", tmp_path / "out", "--device", "tpu") == 2
-    assert "invalid choice" in capsys.readouterr().err.lower()
     assert not list(tmp_path.iterdir())
 
 
@@ -135,6 +133,29 @@ def test_what_was_learned_in_another_world_is_refused(
     assert "was learned in" in message
     assert "'num_people': 3" in message
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("options", [["--world", "delivery"], ["--rules", "num_people", "3"]])
+def test_demonstrations_of_another_world_are_refused(
+    options: list[str], stages: Stages, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "out"
+    message = refusal(capsys, *AIRL, "--demonstrations", stages.demonstrations, "--out", out, *options)
+    assert message.startswith(f"{stages.demonstrations} was demonstrated in")
+    assert options[-1] in message
+    assert not out.exists()
+
+
+def test_a_component_that_is_never_rewarded_is_refused(
+    stages: Stages, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "out"
+    options = ("--world", "delivery", "--order", "delivered", "--primary", "vase")
+    message = refusal(capsys, "train", "--rewards", stages.airl, "--out", out, *options)
+    assert message == (
+        "primary is 'vase', whose reward is never positive; it must be one of ['deliver', 'help', 'clean']"
+    )
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -46,11 +47,59 @@ def test_every_command_explains_its_options(name: str, capsys: pytest.CaptureFix
 
 
 def test_an_option_that_does_not_exist_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert run("evaluate", "--run", tmp_path, "--speed", "9") == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert "--speed" in captured.err
-    assert "Traceback" not in captured.err
+    message = refusal(capsys, "evaluate", "--run", tmp_path, "--speed", "9")
+    assert message.startswith("Unrecognized options: --speed, 9; ")
+    assert message.endswith("; see moral evaluate --help")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--queries", "abc"], ["--queries", "'abc'", "INT"]),
+        (["--device", "tpu"], ["--device", "'tpu'", "('cpu', 'cuda', 'auto')"]),
+        (["--rules", "a", "b"], ["--rules", "STR INT"]),
+        (["--seed"], ["--seed", "Expected 1"]),
+        (["--out"], ["--out", "Expected 1"]),
+        (["--querie", "3"], ["--querie", "--queries INT"]),
+        (["--tensorboard", "--bogus"], ["--bogus"]),
+    ],
+)
+def test_malformed_options_take_one_line(
+    options: list[str], words: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    message = refusal(capsys, "train", "--rewards", tmp_path, "--out", tmp_path / "out", *options)
+    assert all(word in message for word in words), message
+    assert message.endswith("; see moral train --help")
+    assert not set("╭╰│─") & set(message)
+    assert "---" not in message
+    assert "full helptext" not in message
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
+def test_a_malformed_option_reads_the_same_in_every_encoding(encoding: str) -> None:
+    done = subprocess.run(
+        [
+            *(sys.executable, "-c", "import sys; from moral_algorithms.cli import main; sys.exit(main())"),
+            *("watch", "--run", "x", "--fps", "fast"),
+        ],
+        capture_output=True,
+        encoding=encoding,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+        check=False,
+    )
+    assert done.returncode == 2
+    assert only_line(done.stderr, "moral: error: ") == (
+        "Error parsing --fps: invalid literal for int() with base 10: 'fast'; it must be: --fps INT; "
+        "see moral watch --help"
+    )
+
+
+def test_missing_options_are_named_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    message = refusal(capsys, "train", "--queries", "3")
+    assert message == (
+        "Missing from moral train: --rewards [PATH [PATH ...]], --out PATH; see moral train --help"
+    )
 
 
 def test_a_value_that_a_configuration_refuses_takes_one_line(

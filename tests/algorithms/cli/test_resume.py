@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from moral_algorithms.cli.arguments import Machine
 from moral_algorithms.pipeline import alignment
 from tests.algorithms.cli.commands import TRAIN, contents, only_line, refusal, run
 from tests.algorithms.cli.conftest import Stages
@@ -128,7 +130,11 @@ def test_an_interrupted_run_says_what_is_saved_and_how_to_go_on(
     stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     out = tmp_path / "moral"
-    at_flush(lambda: any(out.glob(".checkpoint.*")), KeyboardInterrupt(), monkeypatch)
+    at_flush(
+        lambda: (out / "queries.jsonl").exists() and any(out.glob(".checkpoint.*")),
+        KeyboardInterrupt(),
+        monkeypatch,
+    )
     assert run(*TRAIN, "--rewards", stages.airl, "--out", out) == 130
     line = only_line(capsys.readouterr().err, "moral: interrupted; ")
     assert line == f"1 of 3 answers are saved; go on with: moral train --resume --out {out}"
@@ -218,3 +224,121 @@ def test_only_a_run_of_moral_is_resumed(stages: Stages, tmp_path: Path, capsys: 
     del config["moral"]["queries"], config["teacher"]
     (tmp_path / "config.json").write_text(json.dumps(config))
     assert "configuration is damaged" in refusal(capsys, "train", "--resume", "--out", tmp_path)
+
+
+def interrupted(stages: Stages, out: Path, monkeypatch: pytest.MonkeyPatch, *options: str) -> None:
+    """Leave a run that was interrupted while the checkpoint after its first answer was written."""
+    at_flush(
+        lambda: (out / "queries.jsonl").exists() and any(out.glob(".checkpoint.*")),
+        KeyboardInterrupt(),
+        monkeypatch,
+    )
+    assert run(*TRAIN, "--rewards", stages.airl, "--out", out, *options) == 130
+
+
+def test_a_resumed_run_keeps_its_machine_and_tensorboard(
+    stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    interrupted(stages, out, monkeypatch, "--tensorboard", "--threads", "2")
+    setting = json.loads((out / "config.json").read_text())["setting"]
+    assert setting == {"device": "cpu", "threads": 2, "tensorboard": True}
+    files = set(out.glob("tensorboard/events.out.tfevents.*"))
+    prepared: list[Machine] = []
+
+    def prepare(machine: Machine) -> str:
+        prepared.append(machine)
+        return "cpu"
+
+    monkeypatch.setattr(Machine, "prepare", prepare)
+    capsys.readouterr()
+    assert run("train", "--resume", "--out", out) == 0
+    assert capsys.readouterr().err == ""
+    assert prepared == [Machine("cpu", 2)]
+    assert set(out.glob("tensorboard/events.out.tfevents.*")) > files
+
+
+def test_a_run_that_is_resumed_otherwise_warns_in_one_line(
+    stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    interrupted(stages, out, monkeypatch)
+    monkeypatch.setattr(Machine, "prepare", lambda machine: "cpu")
+    capsys.readouterr()
+    assert run("train", "--resume", "--out", out, "--threads", "2") == 0
+    line = only_line(capsys.readouterr().err, "moral: warning: the run was started with ")
+    assert line == "threads 1, now 2; results may differ"
+
+
+def test_other_versions_are_warned_of_in_one_line(
+    stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    interrupted(stages, out, monkeypatch)
+    config = json.loads((out / "config.json").read_text())
+    now = config["versions"]["torch"]
+    config["versions"]["torch"] = "1.0"
+    (out / "config.json").write_text(json.dumps(config))
+    capsys.readouterr()
+    assert run("train", "--resume", "--out", out) == 0
+    line = only_line(capsys.readouterr().err, "moral: warning: the run was started with ")
+    assert line == f"torch 1.0, now {now}; results may differ"
+
+
+def test_torn_lines_are_repaired_when_the_run_goes_on(
+    stages: Stages, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "moral"
+    interrupted(stages, out, monkeypatch)
+    for name in ("queries.jsonl", "metrics.jsonl"):
+        with (out / name).open("ab") as file:
+            file.write(b'{"torn')
+    assert run("train", "--resume", "--out", out) == 0
+    require_same_result(out, stages.moral)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("queries.jsonl", "[]\n"),
+        ("queries.jsonl", "5\n"),
+        ("metrics.jsonl", "[]\n"),
+        ("metrics.jsonl", '{"env_steps": "many"}\n'),
+        ("normalisers.json", "[1]"),
+        ("normalisers.json", '{"extinguish": {"return": 0.0, "env_steps": 1, "wall_seconds": 0.1}}'),
+        ("config.json", "[]"),
+        ("checkpoint.safetensors", "{}"),
+    ],
+)
+def test_a_file_of_another_shape_takes_one_line(
+    name: str, content: str, stages: Stages, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    shutil.copytree(stages.moral, out)
+    (out / "summary.json").unlink()
+    (out / name).write_text(content)
+    capsys.readouterr()
+    assert run("train", "--resume", "--out", out) == 2
+    assert str(out / name) in only_line(capsys.readouterr().err, "moral: error: ")
+    assert not (out / "summary.json").exists()
+
+
+def test_a_finished_training_without_metrics_takes_one_line(
+    stages: Stages, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    shutil.copytree(stages.moral, out)
+    (out / "summary.json").unlink()
+    (out / "metrics.jsonl").write_text("")
+    capsys.readouterr()
+    assert run("train", "--resume", "--out", out) == 2
+    message = only_line(capsys.readouterr().err, "moral: error: ")
+    assert f"{out / 'metrics.jsonl'} is damaged: it holds no rollout" in message
+
+
+def test_a_damaged_summary_takes_one_line(stages: Stages, tmp_path: Path, capsys: Capture) -> None:
+    out = tmp_path / "moral"
+    shutil.copytree(stages.moral, out)
+    (out / "summary.json").write_text("{}")
+    message = refusal(capsys, "train", "--resume", "--out", out)
+    assert message == f"{out / 'summary.json'} is damaged: it is not the summary of a run of moral train"

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import statistics
 from pathlib import Path
 
 import pytest
 
 from moral_algorithms.demonstrations import Demonstrations
+from moral_algorithms.evaluation import play_episodes
+from moral_algorithms.learners.ppo import sampling_seed
 from moral_algorithms.networks.files import load_policy, load_reward
+from moral_algorithms.pipeline import evaluate, spawn_seeds
 from moral_algorithms.worlds import WorldSpec
 from tests.algorithms.cli.commands import AIRL, DEMONSTRATE, EXPERT, RULES, TRAIN, contents, run
 from tests.algorithms.cli.conftest import Stages
@@ -44,6 +48,23 @@ def test_the_same_seed_gives_the_same_result(stages: Stages, tmp_path: Path) -> 
     assert (first_states == states).all()
 
 
+def test_worlds_are_compared_by_what_they_are(tmp_path: Path) -> None:
+    expert, recorded, airl = (tmp_path / name for name in ("expert", "demonstrations.npz", "airl"))
+    steps = ("--rules", "max_cycles", "8")
+    assert run(*EXPERT, *steps, "--out", expert) == 0
+    assert run(*DEMONSTRATE, "--expert", expert, "--out", recorded) == 0
+    assert run(*AIRL, *steps, "height", "8", "--demonstrations", recorded, "--out", airl) == 0
+    spelled = ("--world", "emergency", *steps, "num_people", "6")
+    assert run(*TRAIN, *spelled, "--rewards", airl, "--out", tmp_path / "moral") == 0
+
+
+def test_without_a_world_moral_trains_in_that_of_the_rewards(stages: Stages, tmp_path: Path) -> None:
+    command, options = TRAIN[0], TRAIN[1 + len(RULES) :]
+    assert run(command, *options, "--rewards", stages.airl, "--out", tmp_path) == 0
+    policy = "policy.safetensors"
+    assert (tmp_path / policy).read_bytes() == (stages.moral / policy).read_bytes()
+
+
 def test_another_seed_gives_another_result(stages: Stages, tmp_path: Path) -> None:
     assert run(*EXPERT, "--out", tmp_path, "--seed", "1") == 0
     policy = "policy.safetensors"
@@ -66,19 +87,39 @@ def test_event_files_go_into_the_run_directory(tmp_path: Path) -> None:
 def test_an_evaluation_is_seeded_and_set_beside_the_optimum(
     stages: Stages, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def evaluate(*options: str) -> dict[str, dict[str, float]]:
+    def measure(*options: str) -> dict[str, dict[str, float]]:
         capsys.readouterr()
         assert run("evaluate", "--run", stages.moral, "--episodes", "16", "--json", *options) == 0
         result: dict[str, dict[str, float]] = json.loads(capsys.readouterr().out)
         return result
 
-    first = evaluate()
-    assert first == evaluate()
-    assert first["objectives"] != evaluate("--seed", "1")["objectives"]
-    likeliest = evaluate("--deterministic")
+    first = measure()
+    assert first == measure()
+    assert first["objectives"] != measure("--seed", "1")["objectives"]
+    likeliest = measure("--deterministic")
     assert likeliest["optimum"] == first["optimum"]
     assert first["optimum"]["people_saved"] >= first["objectives"]["people_saved"]
     assert first["objectives"].keys() == first["standard_errors"].keys() == {"goal_time", "people_saved"}
+    assert all(error > 0 for error in first["standard_errors"].values())
+
+
+def test_one_episode_has_no_standard_error(stages: Stages, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert run("evaluate", "--run", stages.moral, "--episodes", "1", "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["standard_errors"] == {"goal_time": None, "people_saved": None}
+    assert run("evaluate", "--run", stages.moral, "--episodes", "1") == 0
+    assert "+-" not in capsys.readouterr().out
+
+
+def test_a_standard_error_is_that_of_the_sample(stages: Stages) -> None:
+    policy, world = load_policy(stages.moral / "policy.safetensors")
+    found = evaluate(policy, world, 16, seed=0)
+    starts_seed, actions_seed = spawn_seeds(0, 2)
+    with sampling_seed(actions_seed):
+        counters = play_episodes(policy, world.build(), 16, starts_seed).objectives
+    wanted = [statistics.stdev(column) / 4 for column in counters.T.tolist()]
+    assert list(found.standard_errors.values()) == pytest.approx(wanted)
 
 
 def test_an_evaluation_is_shown_as_a_table(stages: Stages, capsys: pytest.CaptureFixture[str]) -> None:

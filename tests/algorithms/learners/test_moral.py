@@ -52,7 +52,7 @@ def config(**changes: Any) -> MoralConfig:
         "likelihood": "bradley_terry",
         "sampler": "hit_and_run",
         "samples": 100,
-        "checkpoint_every": 3,
+        "checkpoint_every": 1000,
         "ppo": ppo_config(num_envs=8, rollout_steps=8, batch_size=32, epochs=1),
     }
     return MoralConfig(**{**values, **changes})
@@ -106,7 +106,9 @@ def run(
     directory = RunDirectory(path)
     path.mkdir(exist_ok=True)
     components = [PrimaryReward(WORLD.reward_names, name, 1 / value) for name, value in NORMALISERS.items()]
-    agent = train_moral(EMERGENCY, components, teacher, settings, seed, directory, on_progress=on_progress)
+    agent = train_moral(
+        EMERGENCY, components, teacher, settings, seed, directory, on_progress=on_progress, resume=True
+    )
     queries = directory.queries.read_bytes() if directory.queries.exists() else b""
     checkpoint, metadata = read_tensors(directory.checkpoint, "moral-checkpoint")
     return Result(
@@ -184,10 +186,10 @@ def test_a_query_shows_two_different_recent_episodes(uninterrupted: tuple[Path, 
 def test_no_episode_is_compared_with_itself(tmp_path: Path) -> None:
     # Two episodes to choose from, and a choice that does not look at them.
     pairs = ppo_config(num_envs=2, rollout_steps=8, batch_size=16, epochs=1)
-    settings = config(steps=160, queries=10, query_span=1.0, acquisition="random", ppo=pairs)
+    settings = config(steps=160, queries=10, query_span=0.9, acquisition="random", ppo=pairs)
     run(tmp_path, Recorder(), settings)
     answers = read_lines(tmp_path / "queries.jsonl")
-    assert len(answers) == 9
+    assert len(answers) == 10
     assert all(answer["episodes"][0] != answer["episodes"][1] for answer in answers)
 
 
@@ -208,7 +210,9 @@ def test_the_best_of_the_candidates_is_asked(
     run(tmp_path, teacher, config(acquisition=acquisition, steps=640, queries=2))
     assert len(scored) == len(teacher.asked) == 2
     for (candidates, scores), query in zip(scored, teacher.asked, strict=True):
-        assert candidates.shape == (50, 2, 2)
+        assert candidates.shape[1:] == (2, 2)
+        assert 0 < len(candidates) <= 50
+        assert not np.isclose(candidates[:, 0], candidates[:, 1]).all(axis=1).any()
         np.testing.assert_array_equal(query.returns, candidates[scores.argmax()])
 
 
@@ -325,6 +329,42 @@ def test_a_full_disk_keeps_the_last_checkpoint(tmp_path: Path) -> None:
     assert files_in(tmp_path) == ["checkpoint.safetensors", "metrics.jsonl", "queries.jsonl"]
 
 
+def test_how_often_is_saved_changes_nothing(
+    tmp_path: Path, uninterrupted: tuple[Path, Result, Recorder]
+) -> None:
+    def stop(progress: Progress) -> None:
+        if progress.steps == 384:
+            raise KeyboardInterrupt
+
+    often = config(checkpoint_every=3)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, Recorder(), often, stop)
+    _, metadata = read_tensors(tmp_path / "checkpoint.safetensors", "moral-checkpoint")
+    # Between two answers, with episodes at hand from which the next query is chosen.
+    assert metadata["ppo"]["num_timesteps"] == 320
+    require_equal(run(tmp_path, Recorder(), often), uninterrupted[1])
+
+
+def test_a_start_does_not_adopt_what_another_run_left(
+    tmp_path: Path, uninterrupted: tuple[Path, Result, Recorder]
+) -> None:
+    components = [PrimaryReward(WORLD.reward_names, name) for name in WORLD.reward_names]
+    for left in ("checkpoint.safetensors", "queries.jsonl"):
+        path = tmp_path / left
+        path.mkdir()
+        (path / left).write_bytes((uninterrupted[0] / left).read_bytes())
+        with pytest.raises(StorageError, match=f"{left} is there already"):
+            train_moral(EMERGENCY, components, Recorder(), config(), 0, RunDirectory(path))
+        assert files_in(path) == [left]
+
+
+def test_more_queries_than_batches_of_episodes_are_all_asked(tmp_path: Path) -> None:
+    teacher = Recorder()
+    run(tmp_path, teacher, config(steps=640, queries=12, query_span=0.75))
+    assert len(teacher.asked) == 12
+    assert all(answer["env_steps"] <= 0.75 * 640 + 64 for answer in read_lines(tmp_path / "queries.jsonl"))
+
+
 def test_skipped_queries_never_reach_the_posterior(tmp_path: Path) -> None:
     teacher = Recorder(skip=[0, 2])
     result = run(tmp_path, teacher, config())
@@ -352,7 +392,7 @@ def test_without_queries_it_trains_under_the_prior_mean(tmp_path: Path) -> None:
     assert result.env_steps == 256
 
 
-def test_checkpoints_follow_answers_and_then_so_many_rollouts(
+def test_checkpoints_follow_answers_and_every_so_many_rollouts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     steps: list[int] = []
@@ -363,8 +403,9 @@ def test_checkpoints_follow_answers_and_then_so_many_rollouts(
         original(path, arrays, metadata)
 
     monkeypatch.setattr(moral, "write_tensors", watched)
-    run(tmp_path, Recorder(), config())
-    assert steps == [256, 512, 768, 960, 1152, 1280]
+    run(tmp_path, Recorder(), config(checkpoint_every=3))
+    answered = {256, 512, 768, 960}
+    assert steps == sorted({*answered, *range(128, 1280, 192), 1280})
 
 
 @pytest.mark.parametrize(

@@ -33,19 +33,25 @@ def transitions(world: World, count: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 class Total(nn.Module):
-    """A constant times the sum over a plane, so that f can be computed by hand."""
+    """The sum over a plane."""
 
-    def __init__(self, plane: int, factor: float) -> None:
+    def __init__(self, plane: int) -> None:
         super().__init__()
         self.plane = plane
-        self.factor = nn.Parameter(torch.tensor(factor))
 
     def forward(self, states: torch.Tensor) -> torch.Tensor:
-        return self.factor * states[:, self.plane].sum(dim=(1, 2))[:, None]
+        return states[:, self.plane].sum(dim=(1, 2))[:, None]
+
+
+def total(plane: int, factor: float) -> nn.Sequential:
+    """A constant times the sum over a plane, so that f can be computed by hand."""
+    head = nn.Linear(1, 1, bias=False)
+    nn.init.constant_(head.weight, factor)
+    return nn.Sequential(Total(plane), head)
 
 
 def test_the_reward_is_g_plus_discounted_difference_of_h(monkeypatch: pytest.MonkeyPatch) -> None:
-    parts = iter([Total(2, 3.0), Total(1, 5.0)])
+    parts = iter([total(2, 3.0), total(1, 5.0)])
     totals = RewardArchitecture(lambda shape: nn.Identity(), lambda shape: next(parts))
     monkeypatch.setitem(REWARD_ARCHITECTURES, "totals", totals)
     network = ShapedRewardNetwork((3, 4, 4), "totals", gamma=0.5)
@@ -125,3 +131,17 @@ def test_states_of_another_shape_are_refused() -> None:
         network(torch.zeros(2, 4, 7, 8), torch.zeros(2, 4, 7, 8))
     with pytest.raises(AssertionError, match="is not"):
         network(right, right[:1])
+
+
+def test_a_constant_in_the_potential_costs_no_precision() -> None:
+    torch.manual_seed(0)
+    states, next_states = transitions(EMERGENCY, 6)
+    network = ShapedRewardNetwork((4, 8, 8), "fast", 0.9)
+    with torch.no_grad():
+        before = network(states, next_states)
+        head = network.h[-1]
+        assert isinstance(head, nn.Linear)
+        head.bias += 10
+        after = network(states, next_states)
+    # (gamma - 1) * 10, exact but for float32's rounding of numbers around ten.
+    np.testing.assert_allclose((after - before).numpy(), -1.0, atol=1e-5)

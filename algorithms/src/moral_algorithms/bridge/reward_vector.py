@@ -163,8 +163,8 @@ class ScalarisedRewards(VecEnvWrapper):
 
     def reset(self) -> NDArray[np.uint8]:
         """Start new episodes everywhere."""
-        self.returns[:] = 0
-        self._dones[:] = False
+        self.returns = np.zeros_like(self.returns)
+        self._dones = np.zeros_like(self._dones)
         return self.venv.reset()
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -172,12 +172,13 @@ class ScalarisedRewards(VecEnvWrapper):
         observations, _, dones, infos = self.venv.step_wait()
         transitions = self.venv.transitions
         assert transitions is not None
+        # New arrays at every step: what somebody has kept of an earlier one stays as it is.
+        self.rewards = np.empty_like(self.rewards)
         for column, component in enumerate(self.components):
             rewards = component(transitions)
             assert rewards.shape == (self.num_envs,), f"{component.name}: {rewards.shape} is not (n,)"
             self.rewards[:, column] = rewards
-        self.returns[self._dones] = 0
-        self.returns += self.rewards
+        self.returns = np.where(self._dones[:, None], 0, self.returns) + self.rewards
         self._dones = dones
         for row in dones.nonzero()[0]:
             infos[row]["returns"] = self.returns[row].copy()

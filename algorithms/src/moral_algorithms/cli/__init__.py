@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import importlib
 import sys
+import time
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from moral_algorithms.cli.arguments import BaseCommand, parse
-from moral_algorithms.cli.console import Console
+# What a command takes includes the imports that follow.
+_STARTED = time.perf_counter()
+
+from moral_algorithms.cli.arguments import BaseCommand, parse  # noqa: E402
+from moral_algorithms.cli.console import Console  # noqa: E402
 
 __all__ = ["COMMANDS", "main"]
 
@@ -51,15 +55,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0; 2 after bad input or where a file cannot be read or written, which one line on stderr
-        explains; 130 after an interruption.
+        Exit status: 0; 2 after bad input, unknown, missing or malformed options, or where a file cannot be
+        read or written, which one line on stderr explains; 130 after an interruption.
 
     Raises
     ------
     SystemExit
-        After a command's help (0), and after unknown, missing or malformed options (2).
+        After a command's help (0).
     """
-    console = Console()
+    console = Console(_STARTED if arguments is None else None)
     name, *options = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if name in ("-h", "--help"):
         width = max(map(len, COMMANDS))

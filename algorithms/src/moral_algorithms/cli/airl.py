@@ -13,6 +13,7 @@ from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
 from moral_algorithms.learners.airl import AIRLConfig
 from moral_algorithms.run_directory import RunDirectory
+from moral_algorithms.worlds import WorldSpec
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,10 @@ class Command(BaseCommand):
     """File of `moral demonstrate`."""
     out: Path
     """Run directory."""
+    world: str | None = None
+    """World that the demonstrations must be of, emergency or delivery; by default any."""
+    rules: dict[str, int] = field(default_factory=dict)
+    """Rules of that world, or of emergency, that differ from its own, such as num_people 4 max_cycles 50."""
     seed: int = 0
     """Seed of everything random."""
     config: Annotated[AIRLConfig, arg(name="")] = field(default_factory=AIRLConfig)
@@ -40,7 +45,11 @@ class Command(BaseCommand):
 
     def execute(self, console: Console) -> None:
         """Do it."""
-        setting = pipeline.Setting(self.machine.prepare(), self.tensorboard, console.stage)
-        summary = pipeline.airl(RunDirectory(self.out), self.demonstrations, self.config, self.seed, setting)
+        device = self.machine.prepare()
+        setting = pipeline.Setting(device, self.machine.threads, self.tensorboard, console.stage)
+        world = WorldSpec(self.world or "emergency", self.rules) if self.world or self.rules else None
+        summary = pipeline.airl(
+            RunDirectory(self.out), self.demonstrations, self.config, self.seed, setting, world
+        )
         console.objectives("last episodes", summary["objectives"])
         console.print(f"The reward network is in {self.out}; train under it with moral train.")

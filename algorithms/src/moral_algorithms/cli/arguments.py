@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass
@@ -68,7 +69,7 @@ Command = TypeVar("Command", bound=BaseCommand)
 
 
 def parse(command: type[Command], options: Sequence[str], program: str) -> Command:
-    """Read a command's options; ``--help`` and unknown or malformed options end the process.
+    """Read a command's options; ``--help`` ends the process.
 
     Parameters
     ----------
@@ -82,9 +83,10 @@ def parse(command: type[Command], options: Sequence[str], program: str) -> Comma
     Raises
     ------
     ValueError
-        If a dataclass refuses a value.
+        If an option is unknown, missing or malformed, or a dataclass refuses a value.
     """
     default = command.defaults(options)
+    errors = StringIO()
 
     def read(console_outputs: bool) -> Command:
         arguments = list(options)
@@ -102,8 +104,38 @@ def parse(command: type[Command], options: Sequence[str], program: str) -> Comma
         refusal = _refusal(exit_)
         if refusal is not None:
             raise refusal from None
-    # Once more, to show the help or what tyro itself found wrong; it leaves by SystemExit again.
-    return read(console_outputs=True)
+    try:
+        # Once more, to show the help or to hear what tyro itself found wrong.
+        with redirect_stderr(errors):
+            return read(console_outputs=True)
+    except SystemExit as exit_:
+        if not exit_.code:
+            raise
+    raise ValueError(f"{_in_one_line(errors.getvalue())}; see {program} --help")
+
+
+def _in_one_line(box: str) -> str:
+    """Join the sections of tyro's box, without its borders, title, explanations and hint at the help."""
+    # Where the terminal has no such characters, borders are spaces and rules are hyphens.
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", box).translate(str.maketrans("│╭╮╰╯", "     "))
+    sections: list[list[str]] = [[]]
+    for line in plain.splitlines()[1:]:
+        if set(line.strip()) in ({"─"}, {"-"}):
+            sections.append([])
+        # Options are indented; their explanations twice.
+        elif line.strip() and not line.startswith(" " * 10):
+            sections[-1].append(line.removeprefix("  ").rstrip())
+    told = []
+    for title, *others in filter(None, sections):
+        if title.startswith("For full helptext"):
+            continue
+        if title == "Argument helptext:":
+            told.append(f"it must be: {others[0].strip()}")
+        elif others and others[0].startswith("    "):
+            told.append(f"{title} {', '.join(map(str.strip, others))}")
+        else:
+            told.append(" ".join(map(str.strip, [title, *others])))
+    return "; ".join(told).rstrip(".!")
 
 
 def _refusal(error: BaseException) -> ValueError | None:

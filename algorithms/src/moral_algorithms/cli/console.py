@@ -25,14 +25,19 @@ _TITLE_WIDTH = 14
 class Console:
     """A command's output.
 
+    Parameters
+    ----------
+    started
+        `time.perf_counter` when the command started; by default now.
+
     Attributes
     ----------
     started : float
         `time.perf_counter` when the command started.
     """
 
-    def __init__(self) -> None:
-        self.started = time.perf_counter()
+    def __init__(self, started: float | None = None) -> None:
+        self.started = time.perf_counter() if started is None else started
         self._out = rich.console.Console(highlight=False)
 
     @contextmanager

@@ -88,7 +88,8 @@ class Command(BaseCommand):
         with directory.hold():
             _clear(directory)
             directory.write_config({"kind": "demo", **self._config()})
-            summary = self._run(directory, pipeline.Setting(device, self.tensorboard, console.stage), console)
+            setting = pipeline.Setting(device, self.machine.threads, self.tensorboard, console.stage)
+            summary = self._run(directory, setting, console)
         _show(console, self.out, summary)
 
     def _config(self) -> dict[str, Any]:

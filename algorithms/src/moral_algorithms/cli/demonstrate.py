@@ -20,7 +20,7 @@ class Command(BaseCommand):
     """Run directory of the expert."""
     out: Path = Path("demonstrations.npz")
     """The file."""
-    episodes: int = 500
+    episodes: int = 1000
     """Number of episodes."""
     seed: int = 0
     """Seed of starts and actions."""
@@ -35,7 +35,7 @@ class Command(BaseCommand):
         """Do it."""
         from moral_algorithms import pipeline
 
-        setting = pipeline.Setting(self.machine.prepare(), stage=console.stage)
+        setting = pipeline.Setting(self.machine.prepare(), self.machine.threads, stage=console.stage)
         summary = pipeline.demonstrate(
             pipeline.find_policy(self.expert), self.out, self.episodes, self.seed, setting
         )

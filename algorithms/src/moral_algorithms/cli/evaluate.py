@@ -55,9 +55,14 @@ class Command(BaseCommand):
             }
             print(json.dumps(result, indent=2))
             return
-        measured = [f"{m:.2f} +- {found.standard_errors[name]:.2f}" for name, m in found.objectives.items()]
+        measured = (_describe(m, found.standard_errors[name]) for name, m in found.objectives.items())
         rows = [("policy", *measured)]
         if found.optimum is not None:
             rows.append(("exact optimum", *(f"{mean:.2f}" for mean in found.optimum.values())))
         title = f"Means of {self.episodes} episodes in {world.name}, with standard errors"
         console.table(title, ("", *found.objectives), rows)
+
+
+def _describe(mean: float, standard_error: float | None) -> str:
+    """Give a mean and, where there is one, its standard error."""
+    return f"{mean:.2f}" if standard_error is None else f"{mean:.2f} +- {standard_error:.2f}"

@@ -45,7 +45,8 @@ class Command(BaseCommand):
 
     def execute(self, console: Console) -> None:
         """Do it."""
-        setting = pipeline.Setting(self.machine.prepare(), self.tensorboard, console.stage)
+        device = self.machine.prepare()
+        setting = pipeline.Setting(device, self.machine.threads, self.tensorboard, console.stage)
         world = WorldSpec(self.world, self.rules)
         summary = pipeline.expert(
             RunDirectory(self.out), world, self.weights, self.config, self.seed, setting

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import arg
 
@@ -17,6 +17,7 @@ from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig
 from moral_algorithms.pipeline import MoralRun, TeacherConfig
 from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.storage import StorageError
 from moral_algorithms.worlds import WorldSpec
 
 
@@ -29,7 +30,8 @@ class Command(BaseCommand):
     components are trained first.
 
     An interrupted run goes on from its last checkpoint with `moral train --resume --out DIR`; its options are
-    those it was started with. No answered query is lost or asked again.
+    those it was started with, of which only device, threads and tensorboard may be changed. No answered query
+    is lost or asked again.
     """
 
     rewards: tuple[Path, ...]
@@ -38,10 +40,10 @@ class Command(BaseCommand):
     """Run directory."""
     resume: bool = False
     """Go on with the run in the run directory."""
-    world: str = "emergency"
-    """emergency or delivery."""
+    world: str | None = None
+    """emergency or delivery; without it and rules, the world that the first of the rewards was learned in."""
     rules: dict[str, int] = field(default_factory=dict)
-    """Rules of the world that differ from its own, such as num_people 4 max_cycles 50 (steps)."""
+    """Rules of the world, or of emergency, that differ from its own, such as num_people 4 max_cycles 50."""
     primary: tuple[str, ...] = ("extinguish",)
     """Components of the world's reward vector that the agent is given."""
     teacher: Annotated[TeacherConfig, arg(name="")] = field(default_factory=TeacherConfig)
@@ -59,11 +61,14 @@ class Command(BaseCommand):
         """When resumed, what the run was started with."""
         parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
         parser.add_argument("--resume", action="store_true")
-        parser.add_argument("--out", type=Path)
+        parser.add_argument("--out", type=Path, nargs="?")
         early, _ = parser.parse_known_args(list(options))
         if not early.resume or early.out is None:
             return None
-        run = pipeline.read_moral_run(RunDirectory(early.out))
+        directory = RunDirectory(early.out)
+        run, setting = pipeline.read_moral_run(directory), pipeline.read_moral_setting(directory)
+        # An unknown device is the options' to refuse.
+        device: Any = setting.device
         return cls(
             rewards=run.rewards,
             out=early.out,
@@ -75,6 +80,8 @@ class Command(BaseCommand):
             seed=run.seed,
             config=run.config,
             normaliser=run.normaliser,
+            machine=Machine(device, setting.threads),
+            tensorboard=setting.tensorboard,
         )
 
     @property
@@ -83,23 +90,36 @@ class Command(BaseCommand):
         directory = RunDirectory(self.out)
         if not directory.config.exists():
             return "nothing was started"
-        answered = len(read_lines(directory.queries))
+        try:
+            answered = len(read_lines(directory.queries))
+        except StorageError as error:
+            return f"{error}"
         return f"{answered} of {self.config.queries} answers are saved; {pipeline.how_to_resume(directory)}"
 
     def execute(self, console: Console) -> None:
         """Do it."""
-        setting = pipeline.Setting(self.machine.prepare(), self.tensorboard, console.stage)
+        device = self.machine.prepare()
+        setting = pipeline.Setting(device, self.machine.threads, self.tensorboard, console.stage)
         directory = RunDirectory(self.out)
+        given = self.world is not None or self.rules
+        world = (
+            WorldSpec(self.world or "emergency", self.rules)
+            if given
+            else pipeline.world_of_rewards(self.rewards)
+        )
         finished = self.resume and directory.summary.exists()
         run = MoralRun(
             self.rewards,
-            WorldSpec(self.world, self.rules),
+            world,
             self.primary,
             self.teacher,
             self.seed,
             self.config,
             self.normaliser,
         )
+        if self.resume and not finished:
+            for warning in pipeline.resuming_warnings(directory, setting):
+                console.error(f"moral: warning: {warning}")
         summary = pipeline.moral(directory, run, setting, self.resume)
         if finished:
             console.print(f"The run in {self.out} was finished before.")

@@ -38,6 +38,7 @@ from moral_algorithms.learners.ppo import (
     standard_callbacks,
 )
 from moral_algorithms.networks.rewards import REWARD_ARCHITECTURES, ShapedRewardNetwork
+from moral_algorithms.seeding import spawn_seeds
 
 
 @dataclass(frozen=True)
@@ -114,20 +115,21 @@ def train_airl(
         Called after every rollout.
     """
     world = demonstrations.world.build()
-    engine = EngineVecEnv(world, config.ppo.num_envs, seed=seed)
+    ppo_seed, network_seed, batch_seed, start_seed, action_seed = spawn_seeds(seed, 5)
+    engine = EngineVecEnv(world, config.ppo.num_envs, seed=ppo_seed)
     channels, height, width = engine.engine.observation_shape
-    with sampling_seed(seed):
+    with sampling_seed(network_seed):
         network = ShapedRewardNetwork((channels, height, width), config.architecture, config.ppo.gamma)
     component = LearnedReward("imitate", network.to(get_device(device)))
     venv = ScalarisedRewards(engine, [component], [1.0])
-    model = make_ppo(config.ppo, venv, seed, device, tensorboard)
-    discriminator = Discriminator(engine, network, demonstrations, config, seed)
+    model = make_ppo(config.ppo, venv, ppo_seed, device, tensorboard)
+    discriminator = Discriminator(engine, network, demonstrations, config, batch_seed)
     standard = standard_callbacks(config.ppo, config.steps, world.objective_names, on_progress)
     learn(model, config.steps, [*standard, discriminator])
 
     averaged = discriminator.averaged
-    with sampling_seed(seed):
-        episodes = play_episodes(model.policy, world, config.normaliser_episodes, seed)
+    with sampling_seed(action_seed):
+        episodes = play_episodes(model.policy, world, config.normaliser_episodes, start_seed)
     normaliser = abs(float(episode_returns(averaged, episodes.states).mean()))
     env_steps = model.num_timesteps + config.normaliser_episodes * world.horizon
     return Imitation(averaged, normaliser, model.policy, env_steps)
@@ -156,7 +158,7 @@ def episode_returns(network: ShapedRewardNetwork, states: NDArray[np.uint8]) -> 
     return total
 
 
-# States (n, C, H, W), actions (n,) and next states.
+# States (n, C, H, W), next states and log-probabilities of the actions (n,).
 _Sample = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
 
@@ -201,6 +203,7 @@ class Discriminator(BaseCallback):
         )
         self._demonstrations = demonstrations
         self._rollout: list[Transitions] = []
+        self._updates = 0
 
     def _on_step(self) -> bool:
         assert self._venv.transitions is not None
@@ -248,9 +251,12 @@ class Discriminator(BaseCallback):
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimiser.step()
+        # The average is short at first, so that it forgets the random initialisation.
+        self._updates += 1
+        memory = min(self._config.averaging, self._updates / (self._updates + 10))
         with torch.no_grad():
             for mean, current in zip(self.averaged.parameters(), self._network.parameters(), strict=True):
-                mean.lerp_(current, 1 - self._config.averaging)
+                mean.lerp_(current, 1 - memory)
             correct = (logits > 0) == (labels > 0)
         return float(correct[:half].float().mean()), float(correct[half:].float().mean())
 

@@ -11,6 +11,7 @@ the last checkpoint; queries that were answered since are not asked again.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards
+from moral_algorithms.bridge import EngineVecEnv, Replay, RewardComponent, ScalarisedRewards
 from moral_algorithms.learners.ppo import (
     ObjectiveMonitor,
     OnProgress,
@@ -47,7 +48,8 @@ from moral_algorithms.preferences import (
     RationalityPrior,
     Teacher,
 )
-from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, write_lines
+from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, repair_lines, write_lines
+from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, first_line, read_tensors, write_tensors
 from moral_algorithms.worlds import WorldSpec
 
@@ -62,9 +64,6 @@ LIKELIHOODS: dict[str, type[BradleyTerry] | type[ExponentialProxy]] = {
     "exponential": ExponentialProxy,
 }
 """Likelihoods of a preference, by name."""
-
-# With the ball prior the scale of the likelihood is fixed: on returns of order one it must be sharp.
-_FIXED_RATIONALITY = 20.0
 
 
 @dataclass(frozen=True)
@@ -85,12 +84,14 @@ class MoralConfig:
     """Prior over the weights: rationality (infers the teacher's) or ball (thesis eq. 4.4)."""
     likelihood: str = "bradley_terry"
     """Likelihood of an answer: bradley_terry (eq. 4.1) or exponential (eq. 4.12)."""
+    rationality: float = 20.0
+    """Scale of the likelihood on returns of order one under the ball prior; the other prior infers it."""
     sampler: str = "hit_and_run"
     """Sampler of the posterior: hit_and_run or metropolis (thesis)."""
     samples: int = 1000
     """Samples of the posterior."""
     checkpoint_every: int = 20
-    """Rollouts between checkpoints after the last query; before, every answer is followed by one."""
+    """Rollouts between checkpoints; every answer is followed by one too."""
     ppo: PPOConfig = field(
         default_factory=lambda: PPOConfig(
             batch_size=800, epochs=5, gae_lambda=0.9, entropy_start=0.05, entropy_end=0.0
@@ -114,6 +115,13 @@ class MoralConfig:
         for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it must be one of {known}")
+        if not self.rationality > 0:
+            raise ValueError(f"rationality is {self.rationality}; it must be positive")
+        if self.likelihood == "exponential" and self.prior != "ball":
+            raise ValueError(
+                f"prior is {self.prior!r}; it must be 'ball' with the exponential likelihood, which tells "
+                "nothing of a teacher's rationality"
+            )
 
 
 class AlignedAgent(NamedTuple):
@@ -137,8 +145,9 @@ def train_moral(
     device: str = "cpu",
     tensorboard: Path | None = None,
     on_progress: OnProgress | None = None,
+    resume: bool = False,
 ) -> AlignedAgent:
-    """Train an agent, from the start or from the last checkpoint in the run directory.
+    """Train an agent, from the start or from where a run in the directory stands.
 
     Parameters
     ----------
@@ -161,20 +170,29 @@ def train_moral(
         Folder for TensorBoard's event files.
     on_progress
         Called after every rollout.
+    resume
+        Go on from the last checkpoint and the answered queries in the directory, with the arguments that the
+        run was started with; without either, this is a start.
 
     Raises
     ------
     StorageError
-        If something cannot be written, or what is to be continued is damaged.
+        If something cannot be written, what is to be continued is damaged, or a run has left a checkpoint or
+        queries in the directory and ``resume`` is False.
     """
+    if not resume:
+        for path in (directory.checkpoint, directory.queries):
+            if path.exists():
+                raise StorageError(f"{path} is there already; resume that run or choose another folder")
     built = world.build()
-    engine = EngineVecEnv(built, config.ppo.num_envs, seed=seed)
-    posterior = make_posterior(config, len(components), np.random.default_rng(seed))
+    ppo_seed, posterior_seed, candidate_seed = spawn_seeds(seed, 3)
+    engine = EngineVecEnv(built, config.ppo.num_envs, seed=ppo_seed)
+    posterior = make_posterior(config, len(components), np.random.default_rng(posterior_seed))
     venv = ScalarisedRewards(engine, components, posterior.weights())
-    model = make_ppo(config.ppo, venv, seed, device, tensorboard)
+    model = make_ppo(config.ppo, venv, ppo_seed, device, tensorboard)
     standard = standard_callbacks(config.ppo, config.steps, built.objective_names, on_progress)
     monitor = next(callback for callback in standard if isinstance(callback, ObjectiveMonitor))
-    learner = PreferenceLearner(venv, posterior, teacher, config, seed, directory, monitor)
+    learner = PreferenceLearner(venv, posterior, teacher, config, candidate_seed, directory, monitor)
     learner.restore(model)
     learn(model, config.steps, [*standard, learner])
     learner.save(model)
@@ -184,15 +202,27 @@ def train_moral(
 def make_posterior(config: MoralConfig, dim: int, rng: np.random.Generator) -> Posterior:
     """Make the posterior over ``dim`` weights that a configuration asks for, before any answer."""
     prior: Prior = PRIORS[config.prior](dim)
-    rationality = _FIXED_RATIONALITY if config.prior == "ball" else 1.0
+    rationality = config.rationality if config.prior == "ball" else 1.0
     likelihood: Likelihood = LIKELIHOODS[config.likelihood](rationality)
     return Posterior(prior, likelihood, SAMPLERS[config.sampler], num_samples=config.samples, rng=rng)
+
+
+class Episode(NamedTuple):
+    """What is kept of a finished episode for the next queries."""
+
+    returns: NDArray[np.float32]
+    """Undiscounted vector return, shape (d,)."""
+    objectives: NDArray[np.int64]
+    """Ground-truth counters at the end, shape (m,)."""
+    replay: Replay
+    """The episode itself."""
 
 
 class PreferenceLearner(BaseCallback):
     """Chooses queries, asks the teacher, updates the posterior and replaces the weights.
 
-    It acts between rollouts, where training can be saved and continued exactly.
+    Each query compares two of the last finished episodes, one per environment. It acts between rollouts,
+    where training can be saved and continued exactly.
 
     Parameters
     ----------
@@ -229,8 +259,8 @@ class PreferenceLearner(BaseCallback):
         self._config = config
         self._directory = directory
         self._monitor = monitor
-        self._rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0])
-        self._episodes: list[dict[str, Any]] = []
+        self._rng = np.random.default_rng(seed)
+        self._recent: deque[Episode] = deque(maxlen=venv.num_envs)
         self._answered: list[dict[str, Any]] = []
         self._rollouts = 0
 
@@ -242,6 +272,8 @@ class PreferenceLearner(BaseCallback):
         StorageError
             If what is in the run directory is damaged or of another run.
         """
+        for path in (self._directory.queries, self._directory.metrics):
+            repair_lines(path)
         self._answered = _read_answers(self._directory.queries)
         if self._directory.checkpoint.exists():
             self._load_checkpoint(model)
@@ -262,6 +294,12 @@ class PreferenceLearner(BaseCallback):
             self._rng.bit_generator.state = metadata["candidates"]
             self._teacher.load_state_dict(metadata["teacher"])
             self._monitor.means = metadata["objectives"]
+            names = ("returns", "objectives", "streams", "actions")
+            recent = zip(*(arrays[f"recent.{name}"] for name in names), strict=True)
+            self._recent.extend(
+                Episode(returns, objectives, Replay(int(stream), actions))
+                for returns, objectives, stream, actions in recent
+            )
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             reason = first_line(error)
             raise StorageError(f"{self._directory.checkpoint} does not fit this run: {reason}") from error
@@ -284,6 +322,11 @@ class PreferenceLearner(BaseCallback):
         posterior = self._posterior.state_dict()
         arrays["posterior.returns"] = posterior.pop("returns")
         arrays["posterior.samples"] = posterior.pop("samples")
+        recent = self._recent
+        arrays["recent.returns"] = np.array([episode.returns for episode in recent], dtype=np.float32)
+        arrays["recent.objectives"] = np.array([episode.objectives for episode in recent], dtype=np.int64)
+        arrays["recent.streams"] = np.array([episode.replay.stream for episode in recent], dtype=np.uint64)
+        arrays["recent.actions"] = np.array([episode.replay.actions for episode in recent], dtype=np.uint8)
         metadata = {
             "kind": "moral-checkpoint",
             "ppo": ppo,
@@ -295,20 +338,23 @@ class PreferenceLearner(BaseCallback):
         write_tensors(self._directory.checkpoint, arrays, metadata)
 
     def _on_step(self) -> bool:
-        if self._asking and self.locals["dones"].any():
-            self._episodes += [info for info in self.locals["infos"] if "returns" in info]
+        if self.locals["dones"].any():
+            self._recent.extend(
+                Episode(info["returns"], info["objectives"], info["replay"])
+                for info in self.locals["infos"]
+                if "returns" in info
+            )
         return True
 
     def _on_rollout_start(self) -> None:
         assert isinstance(self.model, PPO)
-        if self._asking:
-            if self.num_timesteps >= self._next_query_step() and len(self._episodes) > 1:
-                self._ask()
-                self.save(self.model)
-        else:
-            self._rollouts += 1
-            if self._rollouts % self._config.checkpoint_every == 0:
-                self.save(self.model)
+        self._rollouts += 1
+        save = self._rollouts % self._config.checkpoint_every == 0
+        while self._query_is_due and len(self._recent) > 1:
+            self._ask()
+            save = True
+        if save:
+            self.save(self.model)
 
     def _on_rollout_end(self) -> None:
         weights = dict(zip(self._venv.names, self._venv.weights.tolist(), strict=True))
@@ -323,12 +369,10 @@ class PreferenceLearner(BaseCallback):
         append_line(self._directory.metrics, line)
 
     @property
-    def _asking(self) -> bool:
-        return self._posterior.num_queries < self._config.queries
-
-    def _next_query_step(self) -> float:
-        interval = self._config.query_span * self._config.steps / self._config.queries
-        return interval * (self._posterior.num_queries + 1)
+    def _query_is_due(self) -> bool:
+        asked, queries = self._posterior.num_queries, self._config.queries
+        span = self._config.query_span * self._config.steps
+        return asked < queries and self.num_timesteps >= span * (asked + 1) / queries
 
     def _ask(self) -> None:
         number = self._posterior.num_queries
@@ -340,8 +384,9 @@ class PreferenceLearner(BaseCallback):
             self._teacher.load_state_dict(record["teacher"])
         else:
             preference = self._teacher.prefer(query)
-            self._episodes = []
             if preference is None:
+                # Skipped: the next try waits for other episodes.
+                self._recent.clear()
                 return
             record |= {"query": number, "preference": preference.value, "teacher": self._teacher.state_dict()}
             append_line(self._directory.queries, record)
@@ -349,26 +394,28 @@ class PreferenceLearner(BaseCallback):
         self._posterior.add(query.returns, Preference(record["preference"]))
         self._venv.weights = self._posterior.weights()
         self._monitor.queries = self._posterior.num_queries
-        self._episodes = []
 
     def _choose_query(self) -> tuple[Query, dict[str, Any]]:
-        returns = np.array([episode["returns"] for episode in self._episodes], dtype=np.float64)
+        returns = np.array([episode.returns for episode in self._recent], dtype=np.float64)
         count = len(returns)
         first = self._rng.integers(count, size=self._config.candidates)
         second = (first + self._rng.integers(1, count, size=self._config.candidates)) % count
         pairs = np.stack([first, second], axis=1)
+        # Equal returns teach nothing, yet volume removal under a logistic likelihood likes them best.
+        differ = ~np.isclose(returns[first], returns[second]).all(axis=1)
+        pairs = pairs[differ] if differ.any() else pairs
         acquisition = ACQUISITIONS[self._config.acquisition]
         scores = acquisition(self._posterior.samples, returns[pairs], self._posterior.likelihood, self._rng)
-        pair = [self._episodes[index] for index in pairs[np.argmax(scores)]]
+        pair = [self._recent[index] for index in pairs[np.argmax(scores)]]
         query = Query(
-            np.array([episode["returns"] for episode in pair], dtype=np.float64),
-            np.array([episode["objectives"] for episode in pair]),
+            np.array([episode.returns for episode in pair], dtype=np.float64),
+            np.array([episode.objectives for episode in pair]),
         )
         record = {
             "env_steps": self.num_timesteps,
             "returns": query.returns.tolist(),
             "objectives": query.objectives.tolist(),
-            "episodes": [episode["replay"].to_json() for episode in pair],
+            "episodes": [episode.replay.to_json() for episode in pair],
         }
         return query, record
 

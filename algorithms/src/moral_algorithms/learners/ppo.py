@@ -292,7 +292,7 @@ def load_ppo_state(model: PPO, arrays: Arrays, metadata: dict[str, Any]) -> None
     model.num_timesteps = int(metadata["num_timesteps"])
     model._n_updates = int(metadata["n_updates"])
     torch.set_rng_state(torch.from_numpy(arrays["random.torch"]))
-    if model.device.type == "cuda":
+    if model.device.type == "cuda" and "random.cuda" in arrays:
         torch.cuda.set_rng_state(torch.from_numpy(arrays["random.cuda"]), model.device)
     name, position, has_gauss, gauss = metadata["numpy_random"]
     np.random.set_state((name, arrays["random.numpy"], position, has_gauss, gauss))  # noqa: NPY002

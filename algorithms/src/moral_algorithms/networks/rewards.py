@@ -33,7 +33,7 @@ class EgocentricEncoding(nn.Module):
         return torch.cat([self.crop(states), totals], dim=1)
 
 
-def _egocentric_value(shape: Shape, hidden: int = 128) -> nn.Module:
+def _egocentric_value(shape: Shape, hidden: int = 128) -> nn.Sequential:
     """Build a perceptron on the egocentric encoding."""
     return nn.Sequential(
         nn.Linear(EgocentricEncoding(shape).size, hidden),
@@ -44,7 +44,7 @@ def _egocentric_value(shape: Shape, hidden: int = 128) -> nn.Module:
     )
 
 
-def _perceptron_value(shape: Shape) -> nn.Module:
+def _perceptron_value(shape: Shape) -> nn.Sequential:
     """Build the thesis's network in Emergency (figure 3.5)."""
     channels, height, width = shape
     sizes = (channels * height * width, 256, 512, 256)
@@ -54,7 +54,7 @@ def _perceptron_value(shape: Shape) -> nn.Module:
     return nn.Sequential(*layers, nn.Linear(sizes[-1], 1))
 
 
-def _convolutional_value(shape: Shape) -> nn.Module:
+def _convolutional_value(shape: Shape) -> nn.Sequential:
     """Build the thesis's network in Delivery (B.1.2)."""
     channels, height, width = shape
     return nn.Sequential(
@@ -74,8 +74,8 @@ class RewardArchitecture(NamedTuple):
 
     encoding: Callable[[Shape], nn.Module]
     """Makes the input that g and h share."""
-    value: Callable[[Shape], nn.Module]
-    """Makes g, and h: a network from that input to (n, 1)."""
+    value: Callable[[Shape], nn.Sequential]
+    """Makes g, and h: a network from that input to (n, 1) that ends in a linear layer."""
 
 
 def _as_it_is(shape: Shape) -> nn.Module:
@@ -137,8 +137,15 @@ class ShapedRewardNetwork(nn.Module):
         assert states.shape[1:] == self.shape, f"{tuple(states.shape)} is not (n, *{self.shape})"
         assert states.shape == next_states.shape, f"{tuple(states.shape)} is not {tuple(next_states.shape)}"
         count = states.shape[0]
-        with fast_matmul(states.device):
-            both = self.encoding(torch.cat([states, next_states]).float())
-            potentials, base = self.h(both).float(), self.g(both[:count]).float()
+        both = self.encoding(torch.cat([states, next_states]).float())
+        potentials, base = _apply(self.h, both), _apply(self.g, both[:count])
         rewards: torch.Tensor = base + self.gamma * potentials[count:] - potentials[:count]
         return rewards.squeeze(1)
+
+
+def _apply(network: nn.Sequential, inputs: torch.Tensor) -> torch.Tensor:
+    """Apply g or h, the last layer in full precision: f is a small difference of large potentials."""
+    with fast_matmul(inputs.device):
+        latent = network[:-1](inputs)
+    values: torch.Tensor = network[-1](latent.float())
+    return values

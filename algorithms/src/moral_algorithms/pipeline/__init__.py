@@ -12,10 +12,14 @@ from moral_algorithms.pipeline.alignment import (
     moral,
     normaliser_config,
     read_moral_run,
+    read_moral_setting,
+    resuming_warnings,
+    world_of_rewards,
 )
 from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
-from moral_algorithms.pipeline.stage import Setting, spawn_seeds
+from moral_algorithms.pipeline.stage import Setting
+from moral_algorithms.seeding import spawn_seeds
 
 __all__ = [
     "Evaluation",
@@ -31,5 +35,8 @@ __all__ = [
     "moral",
     "normaliser_config",
     "read_moral_run",
+    "read_moral_setting",
+    "resuming_warnings",
     "spawn_seeds",
+    "world_of_rewards",
 ]

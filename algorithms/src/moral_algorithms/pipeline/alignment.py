@@ -22,10 +22,10 @@ from moral_algorithms.pipeline.stage import (
     name_values,
     require_kind,
     require_normaliser,
-    spawn_seeds,
 )
 from moral_algorithms.preferences import LexicographicTeacher, NoisyTeacher, RatioTeacher, Teacher
-from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.run_directory import RunDirectory, read_lines, versions
+from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
@@ -85,11 +85,7 @@ class MoralRun:
     """Entropy of all of it."""
     config: MoralConfig = field(default_factory=MoralConfig)
     """How MORAL trains and asks."""
-    normaliser: ExpertConfig = field(
-        default_factory=lambda: ExpertConfig(
-            max_steps=150_000, ppo=PPOConfig(entropy_start=0.01, entropy_end=0.01)
-        )
-    )
+    normaliser: ExpertConfig = field(default_factory=normaliser_config)
     """How the policies are trained that pursue one primary component alone; their returns normalise it."""
 
     def to_json(self) -> dict[str, Any]:
@@ -144,11 +140,64 @@ def read_moral_run(directory: RunDirectory) -> MoralRun:
     StorageError
         If there is none.
     """
+    return MoralRun.from_json(_read_config(directory))
+
+
+def read_moral_setting(directory: RunDirectory) -> Setting:
+    """Read how the run of MORAL in a directory was started to be run.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or its configuration is damaged.
+    """
+    config = _read_config(directory)
+    try:
+        return Setting.from_json(config.get("setting"))
+    except ValueError as error:
+        raise StorageError(f"{directory.config} is damaged: {error}") from error
+
+
+def resuming_warnings(directory: RunDirectory, setting: Setting) -> list[str]:
+    """Say, in one line each, why a run that goes on may end otherwise than it would have uninterrupted."""
+    warnings = []
+    before, now = read_moral_setting(directory).to_json(), setting.to_json()
+    changed = [
+        f"{name} {before[name]}, now {now[name]}"
+        for name in ("device", "threads")
+        if before[name] != now[name]
+    ]
+    if changed:
+        warnings.append(f"the run was started with {', '.join(changed)}; results may differ")
+    stored, installed = _read_config(directory).get("versions"), versions()
+    if stored != installed:
+        known = stored if isinstance(stored, dict) else {}
+        changed = [
+            f"{name} {known.get(name)}, now {installed.get(name)}"
+            for name in sorted({*known, *installed})
+            if known.get(name) != installed.get(name)
+        ]
+        warnings.append(f"the run was started with {', '.join(changed)}; results may differ")
+    return warnings
+
+
+def world_of_rewards(rewards: tuple[Path, ...]) -> WorldSpec:
+    """Find the world that the first of several rewards was learned in; of none, the default.
+
+    Raises
+    ------
+    StorageError
+        If the reward cannot be read.
+    """
+    return load_reward(rewards[0] / _REWARD).world if rewards else WorldSpec()
+
+
+def _read_config(directory: RunDirectory) -> dict[str, Any]:
     if not directory.config.exists():
         raise StorageError(f"there is no run in {directory.path} to resume; start it without --resume")
     config = directory.read_config()
     require_kind(directory, config, "train")
-    return MoralRun.from_json(config)
+    return config
 
 
 def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool = False) -> dict[str, Any]:
@@ -194,17 +243,17 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
             for path, copy in zip(run.rewards, _copies(directory, run).values(), strict=True):
                 with atomic_write(copy) as file:
                     file.write((path / _REWARD).read_bytes())
-            directory.write_config({"kind": "train", **run.to_json()})
+            directory.write_config({"kind": "train", **run.to_json(), "setting": setting.to_json()})
         else:
             directory.require_config({"kind": "train", **run.to_json()})
-        if directory.summary.exists():
-            summary: dict[str, Any] = read_json(directory.summary)
-            return summary
+            if directory.summary.exists():
+                return _read_summary(directory.summary)
+            _read_metrics(directory.metrics)
         with _resumable(directory):
-            return _train(directory, run, setting)
+            return _train(directory, run, setting, resume)
 
 
-def _train(directory: RunDirectory, run: MoralRun, setting: Setting) -> dict[str, Any]:
+def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool) -> dict[str, Any]:
     """Train from where the run in the directory stands to its end."""
     primary_seed, moral_seed, teacher_seed = spawn_seeds(run.seed, 3)
     world = run.world.build()
@@ -229,9 +278,13 @@ def _train(directory: RunDirectory, run: MoralRun, setting: Setting) -> dict[str
             setting.device,
             setting.event_files(directory),
             on_progress,
+            resume=resume,
         )
     save_policy(directory.policy, agent.policy, run.config.ppo.policy, run.world)
-    last = read_lines(directory.metrics)[-1]
+    metrics = _read_metrics(directory.metrics)
+    if not metrics:
+        raise StorageError(f"{directory.metrics} is damaged: it holds no rollout")
+    last = metrics[-1]
     weights = name_values(tuple(component.name for component in components), agent.weights)
     primary = {
         key: sum(entry[key] for entry in normalisers.values()) for key in ("env_steps", "wall_seconds")
@@ -245,6 +298,38 @@ def _train(directory: RunDirectory, run: MoralRun, setting: Setting) -> dict[str
     }
     write_json(directory.summary, summary)
     return summary
+
+
+def _read_metrics(path: Path) -> list[dict[str, Any]]:
+    """Read the lines of the rollouts, checked."""
+    lines = read_lines(path)
+    types = {"env_steps": int, "queries": int, "weights": dict, "objectives": dict}
+    for number, line in enumerate(lines, start=1):
+        if not isinstance(line, dict) or {name: type(entry) for name, entry in line.items()} != types:
+            raise StorageError(f"{path} is damaged in line {number}: it is not the line of a rollout")
+    return lines
+
+
+def _read_summary(path: Path) -> dict[str, Any]:
+    """Read the result of a finished run, checked."""
+    summary = read_json(path)
+    types = {"queries": int, "weights": dict, "objectives": dict, "env_steps": dict, "wall_seconds": dict}
+    if not isinstance(summary, dict) or {name: type(entry) for name, entry in summary.items()} != types:
+        raise StorageError(f"{path} is damaged: it is not the summary of a run of moral train")
+    return summary
+
+
+def _read_normalisers(path: Path) -> dict[str, dict[str, Any]]:
+    """Read the returns of the policies that pursue one primary component alone, checked."""
+    found = read_json(path) if path.exists() else {}
+    types = {"return": float, "env_steps": int, "wall_seconds": float}
+    entries = found.values() if isinstance(found, dict) else [found]
+    for entry in entries:
+        if not isinstance(entry, dict) or {name: type(value) for name, value in entry.items()} != types:
+            raise StorageError(f"{path} is damaged: it holds {entry!r}, which is no normaliser")
+        require_normaliser(entry["return"], f"an entry of {path}", "remove the file")
+    normalisers: dict[str, dict[str, Any]] = found
+    return normalisers
 
 
 @contextmanager
@@ -261,7 +346,7 @@ def _primary_normalisers(
 ) -> dict[str, dict[str, Any]]:
     """Find what a policy that pursues one primary component alone earns (eq. 5.2), once per run."""
     path = directory.path / "normalisers.json"
-    found: dict[str, dict[str, Any]] = read_json(path) if path.exists() else {}
+    found = _read_normalisers(path)
     world = run.world.build()
     for name, component_seed in zip(run.primary, spawn_seeds(seed, len(run.primary)), strict=True):
         if name in found:
@@ -297,8 +382,12 @@ def _require_fitting(run: MoralRun) -> None:
     spawn_seeds(run.seed, 1)
     world = run.world.build()
     run.teacher.build(world.objective_names, np.random.default_rng(0))
+    most = dict(zip(world.reward_names, world.reward_bounds[1], strict=True))
     for name in run.primary:
         PrimaryReward(world.reward_names, name)
+        if most[name] <= 0:
+            able = [other for other, amount in most.items() if amount > 0]
+            raise ValueError(f"primary is {name!r}, whose reward is never positive; it must be one of {able}")
     if len(set(run.primary)) < len(run.primary):
         raise ValueError(f"primary is {run.primary}; it must name no component twice")
     if not run.rewards:
@@ -306,5 +395,5 @@ def _require_fitting(run: MoralRun) -> None:
 
 
 def _require_world(source: Path, found: WorldSpec, wanted: WorldSpec) -> None:
-    if found != wanted:
+    if found.build() != wanted.build():
         raise StorageError(f"{source} was learned in {found.to_json()}; it must be {wanted.to_json()}")

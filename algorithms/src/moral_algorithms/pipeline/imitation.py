@@ -20,9 +20,9 @@ from moral_algorithms.pipeline.stage import (
     new_run,
     require_normaliser,
     require_positive,
-    spawn_seeds,
 )
 from moral_algorithms.run_directory import RunDirectory
+from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, write_json
 from moral_algorithms.worlds import WorldSpec
 
@@ -127,7 +127,12 @@ def demonstrate(source: Path, path: Path, episodes: int, seed: int, setting: Set
 
 
 def airl(
-    directory: RunDirectory, source: Path, config: AIRLConfig, seed: int, setting: Setting
+    directory: RunDirectory,
+    source: Path,
+    config: AIRLConfig,
+    seed: int,
+    setting: Setting,
+    world: WorldSpec | None = None,
 ) -> dict[str, Any]:
     """Learn a reward network from demonstrations; save it and the imitation policy.
 
@@ -143,6 +148,8 @@ def airl(
         Entropy of all of it.
     setting
         How the stage is run.
+    world
+        The world that the demonstrations must be of; None takes any.
 
     Returns
     -------
@@ -153,10 +160,10 @@ def airl(
     Raises
     ------
     StorageError
-        If the demonstrations cannot be read, the directory holds a finished run, or something cannot be
-        written.
+        If the demonstrations cannot be read or are of another world, the directory holds a finished run, or
+        something cannot be written.
     """
-    demonstrations = Demonstrations.load(source)
+    demonstrations = Demonstrations.load(source, world)
     world = demonstrations.world
     (training_seed,) = spawn_seeds(seed, 1)
     config_json = {

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from moral_algorithms.evaluation import Policy, play_episodes
 from moral_algorithms.learners.ppo import sampling_seed
-from moral_algorithms.pipeline.stage import name_values, require_positive, spawn_seeds
+from moral_algorithms.pipeline.stage import name_values, require_positive
+from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError
 from moral_algorithms.worlds import WorldSpec
 from moral_envs import optimal
@@ -24,8 +25,8 @@ class Evaluation(NamedTuple):
 
     objectives: dict[str, float]
     """Mean counters at the end of an episode."""
-    standard_errors: dict[str, float]
-    """Standard errors of these means."""
+    standard_errors: dict[str, float | None]
+    """Standard errors of these means; None after a single episode, which has no spread."""
     optimum: dict[str, float] | None
     """Exact lexicographic optimum (people saved, then goal time) on the same starts, where it is known."""
     starts: NDArray[np.uint8]
@@ -65,9 +66,12 @@ def evaluate(
     if world.name == "emergency" and built.num_objects <= _MOST_PEOPLE_FOR_OPTIMUM:
         best = optimal.lexicographic_optimum(starts, built.horizon).mean(axis=0)
         optimum = name_values(built.objective_names, best)
-    errors = played.objectives.std(axis=0) / np.sqrt(episodes)
     means = name_values(built.objective_names, played.objectives.mean(axis=0))
-    return Evaluation(means, name_values(built.objective_names, errors), optimum, starts)
+    standard_errors: dict[str, float | None] = dict.fromkeys(built.objective_names)
+    if episodes > 1:
+        deviations = played.objectives.std(axis=0, ddof=1)
+        standard_errors |= name_values(built.objective_names, deviations / np.sqrt(episodes))
+    return Evaluation(means, standard_errors, optimum, starts)
 
 
 def find_policy(run: Path) -> Path:

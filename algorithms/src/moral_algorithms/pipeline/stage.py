@@ -29,27 +29,34 @@ class Setting:
 
     device: str = "cpu"
     """Where networks live."""
+    threads: int = 1
+    """Threads of PyTorch, for the record: they belong to the process, which has them already."""
     tensorboard: bool = False
     """Write TensorBoard's event files into ``tensorboard`` in the run directory."""
     stage: Callable[[str], AbstractContextManager[OnProgress]] = silent
     """Opens a stage by its title; what it returns is called after every rollout."""
 
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for a configuration."""
+        return {"device": self.device, "threads": self.threads, "tensorboard": self.tensorboard}
+
+    @classmethod
+    def from_json(cls, value: Any) -> Setting:
+        """Read what :meth:`to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            If it is something else.
+        """
+        types = {"device": str, "threads": int, "tensorboard": bool}
+        if not isinstance(value, dict) or {name: type(entry) for name, entry in value.items()} != types:
+            raise ValueError(f"setting is {value!r}; it must be an object with {', '.join(types)}")
+        return cls(**value)
+
     def event_files(self, directory: RunDirectory) -> Path | None:
         """Where TensorBoard's event files go, if they are wanted."""
         return directory.path / "tensorboard" if self.tensorboard else None
-
-
-def spawn_seeds(seed: int, count: int) -> list[int]:
-    """Independent seeds below 2**32 for the parts of a run.
-
-    Raises
-    ------
-    ValueError
-        If ``seed`` is negative.
-    """
-    if seed < 0:
-        raise ValueError(f"seed is {seed}; it must be 0 or more")
-    return [int(child.generate_state(1)[0]) for child in np.random.SeedSequence(seed).spawn(count)]
 
 
 class StageClock:

@@ -55,6 +55,7 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode; without a seed the random stream goes on from the last episode."""
         self._observations, self.infos = self.parallel.reset(seed=seed, options=options)
+        self._keep_infos()
         self.agents = list(self.possible_agents)
         self.terminations = dict.fromkeys(self.agents, False)
         self.truncations = dict.fromkeys(self.agents, False)
@@ -79,6 +80,7 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
         if self._selector.is_last():
             step = self.parallel.step(self._actions)
             self._observations, self.rewards, self.terminations, self.truncations, self.infos = step
+            self._keep_infos()
             self._actions = {}
             for name, reward in self.rewards.items():
                 self._cumulative_rewards[name] = self._cumulative_rewards[name] + reward
@@ -88,6 +90,9 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
 
     def last(self, observe: bool = True) -> tuple[Observation | None, Reward, bool, bool, Info]:
         """Return what the selected agent sees, got since its last action, and whether its episode ended."""
+        # The interface's own tests demand what equals ``infos``, and arrays in a dict equal only themselves.
+        # So ``infos`` gets fresh arrays, too, and what a caller does to them lasts until the next call only.
+        self.infos[self.agent_selection] = self._own_info(self.agent_selection)
         observation, reward, terminated, truncated, info = super().last(observe)
         return observation, reward.copy(), terminated, truncated, info
 
@@ -113,6 +118,13 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
 
     def _clear_rewards(self) -> None:
         self.rewards = {agent: self._no_reward() for agent in self.agents}
+
+    def _keep_infos(self) -> None:
+        self._last_infos = self.infos
+        self.infos = {agent: self._own_info(agent) for agent in self._last_infos}
+
+    def _own_info(self, agent: AgentID) -> Info:
+        return {name: array.copy() for name, array in self._last_infos[agent].items()}
 
     def _no_reward(self) -> Reward:
         return np.zeros(len(self.reward_names), dtype=np.float32)

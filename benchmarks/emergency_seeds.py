@@ -14,14 +14,15 @@ import json
 import subprocess
 import sys
 import tempfile
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.provenance import provenance
 from moral_algorithms.plotting import THESIS
-from moral_algorithms.run_directory import versions
 from moral_algorithms.storage import write_json
 
 RESULTS = Path(__file__).parent / "results" / "emergency_seeds.json"
@@ -34,12 +35,13 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="demos at a time")
     parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
     arguments = parser.parse_args()
+    started = time.perf_counter()
     with ThreadPoolExecutor(arguments.jobs) as pool:
         summaries = list(pool.map(run_demo, arguments.seeds))
     results = {
         "command": "python -m benchmarks.emergency_seeds",
         "jobs": arguments.jobs,
-        "versions": versions(),
+        **provenance(started),
         "summary": summarise(summaries),
         "runs": summaries,
     }

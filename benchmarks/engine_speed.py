@@ -1,30 +1,31 @@
 """How fast the environments step, on one core.
 
-Run as ``python -m benchmarks.engine_speed``; ``--json FILE`` also stores the figures with the versions
-and settings that produced them. Steps include observations, rewards, objective counters and automatic
-resets. No batch of fresh observations can take less time than copying as many bytes with NumPy, which is
-measured in turn with the steps in the same run: the ratio of the two is comparable between machines.
+    python -m benchmarks.engine_speed
+
+Steps include observations, rewards, objective counters and automatic resets. No batch of fresh observations
+can take less time than copying as many bytes with NumPy, which is measured in turn with the steps in the same
+run: the ratio of the two is comparable between machines.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import platform
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.provenance import provenance
+from moral_algorithms.storage import write_json
 from moral_envs import delivery_v0, emergency_v0
 from moral_envs.engine import Engine
 from moral_envs.world import NUM_ACTIONS
 
+RESULTS = Path(__file__).parent / "results" / "engine_speed.json"
 MODULES: dict[str, Any] = {"Emergency": emergency_v0, "Delivery": delivery_v0}
 
 
@@ -164,43 +165,21 @@ def table(results: dict[str, Any], config: Config) -> str:
     return "\n".join(lines)
 
 
-def processor() -> str:
-    """Name of the processor, as exactly as the system tells it."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, platform.processor() or platform.machine())
-
-
-def write_json(path: Path, results: dict[str, Any], config: Config) -> None:
-    """Store the measurements with what produced them."""
-    record = {
-        "config": asdict(config),
-        "versions": {name: version(name) for name in ("numpy", "gymnasium", "pettingzoo")},
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "processor": processor(),
-        "results": results,
-    }
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(json.dumps(record, indent=2) + "\n")
-    temporary.replace(path)
-
-
-def main() -> None:
-    """Measure, print a table and store the figures where asked to."""
+def main(options: Sequence[str] | None = None) -> None:
+    """Measure, print a table and store the figures."""
     parser = argparse.ArgumentParser(description="How fast the environments step, on one core.")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where to store the figures")
+    parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
     parser.add_argument("--num-envs", type=int, default=Config.num_envs, help="environments in a batch")
     parser.add_argument(
         "--repeats", type=int, default=Config.repeats, help="measurements to take the median of"
     )
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(options)
     config = Config(num_envs=arguments.num_envs, repeats=arguments.repeats)
+    started = time.perf_counter()
     results = measure(config)
     print(table(results, config))
-    if arguments.json is not None:
-        write_json(arguments.json, results, config)
+    record = {"command": "python -m benchmarks.engine_speed", "config": asdict(config), **provenance(started)}
+    write_json(arguments.json, {**record, "results": results})
 
 
 if __name__ == "__main__":

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.provenance import provenance
 from moral_algorithms.preferences import BradleyTerry, Posterior, Preference, RationalityPrior
-from moral_algorithms.run_directory import versions
 from moral_algorithms.storage import write_json
 
 RESULTS = Path(__file__).parent / "results" / "posterior_accuracy.json"
@@ -32,11 +32,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(10)))
     parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
     options = parser.parse_args(arguments)
+    started = time.perf_counter()
     runs = [measure(seed) for seed in options.seeds]
     results = {
         "command": "python -m benchmarks.posterior_accuracy",
         "queries": QUERIES,
-        "versions": versions(),
+        **provenance(started),
         "slowest_update_seconds": max(run["slowest_update_seconds"] for run in runs),
         "largest_error": max(run["error"] for run in runs),
         "runs": runs,

@@ -30,10 +30,12 @@ def test_all_figures_are_printed_and_stored_with_what_produced_them(tmp_path: Pa
     assert len(lines) == 3 + 5 + len(TINY.agents)
 
     path = tmp_path / "speed.json"
-    engine_speed.write_json(path, results, TINY)
+    engine_speed.main(["--num-envs", "4", "--repeats", "1", "--json", str(path)])
     stored = json.loads(path.read_text())
-    assert stored["results"] == results
+    assert stored["results"].keys() == results.keys()
     assert stored["config"]["num_envs"] == 4
+    assert stored["duration_seconds"] > 0
+    assert {"python", "numpy"} <= stored["versions"].keys()
     assert stored["platform"]
     assert stored["processor"]
     assert list(tmp_path.iterdir()) == [path]

@@ -20,6 +20,7 @@ import fcntl
 import json
 import os
 import platform
+import subprocess
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
@@ -209,3 +210,20 @@ def versions() -> dict[str, str]:
         with suppress(PackageNotFoundError):
             found[name] = version(name)
     return found
+
+
+def commit() -> str | None:
+    """Find the commit of the working tree that this code runs from, marked if changed; None without one."""
+    here = Path(__file__)
+    question = ["git", "-C", str(here.parent)]
+    try:
+        subprocess.run([*question, "ls-files", "--error-unmatch", here.name], capture_output=True, check=True)
+        described = subprocess.run(
+            [*question, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            capture_output=True,
+            check=True,
+            text=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return described.stdout.strip()

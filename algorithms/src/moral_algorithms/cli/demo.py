@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import subprocess
 import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
@@ -23,7 +22,7 @@ from moral_algorithms.networks.files import load_policy
 from moral_algorithms.pipeline import MoralRun
 from moral_algorithms.pipeline.stage import require_kind, require_positive
 from moral_algorithms.plotting import THESIS, plot_front
-from moral_algorithms.run_directory import RunDirectory, read_lines, versions
+from moral_algorithms.run_directory import RunDirectory, commit, read_lines, versions
 from moral_algorithms.storage import StorageError, write_json
 from moral_algorithms.worlds import WorldSpec
 
@@ -147,7 +146,7 @@ class Command(BaseCommand):
             "weights": moral["weights"],
             "config": self._config(),
             "versions": versions(),
-            "commit": _commit(),
+            "commit": commit(),
             "platform": {"system": platform.platform(), "cores": os.cpu_count(), "device": setting.device},
         }
         write_json(directory.summary, summary)
@@ -214,20 +213,3 @@ def _clear(directory: RunDirectory) -> None:
         for emptied in (folder / "tensorboard", folder):
             with suppress(OSError):
                 emptied.rmdir()
-
-
-def _commit() -> str | None:
-    """Commit of the working tree that this code runs from, marked if changed; None where there is none."""
-    here = Path(__file__)
-    question = ["git", "-C", str(here.parent)]
-    try:
-        subprocess.run([*question, "ls-files", "--error-unmatch", here.name], capture_output=True, check=True)
-        described = subprocess.run(
-            [*question, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
-            capture_output=True,
-            check=True,
-            text=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return described.stdout.strip()

@@ -12,7 +12,7 @@ BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt $(PIP_ARGS)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint bench clean
+.PHONY: help demo test lint bench strangers docs clean
 .DELETE_ON_ERROR:
 
 help:
@@ -20,7 +20,9 @@ help:
 	@echo "make test    run all tests, and those of moral-envs again where there is no PyTorch"
 	@echo "make lint    check style, types and the direction of imports"
 	@echo "make bench   speed of the worlds, accuracy of the posterior, the demo over five seeds (about ten minutes)"
-	@echo "make clean   remove .venv and the tools' caches"
+	@echo "make strangers   peers' learners on moral-envs, and its speed beside theirs (about half an hour)"
+	@echo "make docs    build the site: site/index.html (needs Python 3.11 or newer)"
+	@echo "make clean   remove .venv, the site and the tools' caches"
 	@echo "Variables: PYTHON (3.10 or newer, now $(PYTHON)), PIP_ARGS, DEMO_ARGS, PYTEST_ARGS."
 
 demo: $(VENV)/.runtime
@@ -43,8 +45,17 @@ bench: $(VENV)/.runtime
 	$(BIN)/python -m benchmarks.posterior_accuracy
 	$(BIN)/python -m benchmarks.emergency_seeds
 
+strangers:
+	PYTHON="$(PYTHON)" PIP_ARGS="$(PIP_ARGS)" benchmarks/strangers/run.sh
+
+# -W: what Sphinx warns of, a dead link for example, fails the build.
+docs: $(VENV)/.docs
+	rm -rf site
+	$(BIN)/python -m sphinx -W --keep-going -q -E -d $(VENV)/doctrees -b html docs site
+	@echo "The site: site/index.html"
+
 clean:
-	rm -rf $(VENV) .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) site .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 
 $(VENV)/.created:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || { \
@@ -64,4 +75,14 @@ $(VENV)/.dev: $(VENV)/.runtime
 	@echo "Installing the development tools into $(VENV)"
 	@$(PIP_INSTALL) --group test --group lint
 	@$(PIP_INSTALL) --no-deps --group peers
+	@touch $@
+
+# Without moral-algorithms: the site shows moral-envs, and needs no PyTorch.
+$(VENV)/.docs: $(VENV)/.created constraints.txt pyproject.toml envs/pyproject.toml
+	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "the site needs Python 3.11 or newer: make clean, then make docs PYTHON=/path/to/python3" >&2; exit 1; }
+	@echo "Installing moral-envs and Sphinx into $(VENV)"
+	@$(PIP_INSTALL) pip
+	@$(PIP_INSTALL) --group build --group docs
+	@$(PIP_INSTALL) --no-build-isolation -e envs
 	@touch $@

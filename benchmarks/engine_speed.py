@@ -123,7 +123,7 @@ def measure_engine(name: str, config: Config) -> dict[str, float]:
             for joint in actions:
                 step = engine.step(joint)
                 engine.observe()
-                if step.any_truncation:
+                if step.any_end:
                     engine.reset(step.truncations)
 
         (run_seconds,) = medians([run], max(3, config.repeats // 3))

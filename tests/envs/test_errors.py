@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -10,15 +11,29 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from moral_envs import delivery_v0, emergency_v0
+from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0, windy_wall_v0
 from moral_envs.engine import Engine
+from moral_envs.faces import GridAECEnv, GridEnv, GridParallelEnv, GridVectorEnv
+from moral_envs.layouts import Layout
 from moral_envs.rendering import draw_rgb
 from moral_envs.streams import spawn_streams
-from moral_envs.world import Effect, ObjectKind
+from moral_envs.world import Effect, Fixture, ObjectKind, World
 
 EMERGENCY = emergency_v0.world()
+ENDING_CORRIDOR = replace(
+    windy_wall_v0.world(),
+    height=3,
+    width=5,
+    interior_walls=(),
+    fixture=Fixture("goal", "goal", "G", Effect("time", 0.0, "goals_reached"), terminates=True),
+)
 UNKNOWN_REWARD = ObjectKind("people", 1, "person", "P", on_interact=Effect("rescue", 1.0, "people_saved"))
 UNKNOWN_OBJECTIVE = ObjectKind("people", 1, "person", "P", on_interact=Effect("save", 1.0, "rescued"))
+
+
+def with_fixture(cell: tuple[int, int]) -> World:
+    assert EMERGENCY.fixture is not None
+    return replace(EMERGENCY, fixture=replace(EMERGENCY.fixture, cell=cell))
 
 
 def require_one_line(call: Callable[[], Any], match: str) -> None:
@@ -32,9 +47,44 @@ def require_one_line(call: Callable[[], Any], match: str) -> None:
     [
         (lambda: emergency_v0.world(height=2), r"^height is 2; it must be at least 3"),
         (lambda: delivery_v0.world(width=-1), r"^width is -1; it must be at least 3"),
-        (lambda: emergency_v0.world(num_people=-1), r"^num_people is -1; a count cannot be negative"),
-        (lambda: delivery_v0.world(num_vases=-2), r"^num_vases is -2; a count cannot be negative"),
+        (lambda: emergency_v0.world(num_people=-1), r"^num_people is -1; it must be a count, 0 or more"),
+        (lambda: delivery_v0.world(num_vases=-2), r"^num_vases is -2; it must be a count, 0 or more"),
+        (lambda: emergency_v0.world(num_people=2.5), r"^num_people is 2.5; it must be a count, 0 or more"),
+        (lambda: emergency_v0.world(height=8.5), r"^height is 8.5; it must be at least 3"),
+        (lambda: delivery_v0.world(width="16"), r"^width is '16'; it must be at least 3"),
         (lambda: delivery_v0.world(max_cycles=0), r"^max_cycles is 0; an episode needs at least 1 step"),
+        (
+            lambda: windy_wall_v0.world(max_cycles=7.5),
+            r"^max_cycles is 7.5; an episode needs at least 1 step",
+        ),
+        (lambda: windy_wall_v0.world(wind=1.5), r"^wind is 1.5; a chance is 0 to 1$"),
+        (lambda: windy_wall_v0.single_env(wind=-0.1), r"^wind is -0.1; a chance is 0 to 1$"),
+        (lambda: windy_wall_v0.world(wind=float("nan")), r"^wind is nan; a chance is 0 to 1$"),
+        (lambda: burning_warehouse_v0.world(walk=-0.5), r"^walks? is -0.5.*; a .* is 0 to 1$"),
+        (lambda: emergency_v0.env(walk=2), r"^walks? is 2.*; a .* is 0 to 1$"),
+        (lambda: emergency_v0.world(walk="often"), r"^walks? is 'often'.*; a .* is 0 to 1$"),
+        (lambda: emergency_v0.world(pickup="kick"), r"^pickup is 'kick'; it must be 'interact' or 'enter'$"),
+        (
+            lambda: burning_warehouse_v0.vector_env(2, pickup=None),
+            r"^pickup is None; .* 'interact' or 'enter'$",
+        ),
+        (lambda: replace(EMERGENCY, slip=1.01), r"^slip is 1.01; a chance is 0 to 1$"),
+        (lambda: replace(EMERGENCY, slip="x"), r"^slip is 'x'; a chance is 0 to 1$"),
+        (lambda: replace(EMERGENCY, num_actions=7), r"^num_actions is 7; it must be 4, 5 or 9$"),
+        (lambda: replace(EMERGENCY, start="middle"), r"^start is 'middle'; it must be 'random' or 'corner'$"),
+        (
+            lambda: replace(EMERGENCY, interior_walls=((2, 2), (0, 3))),
+            r"^interior_walls has \(0, 3\); it must be inside the border$",
+        ),
+        (
+            lambda: replace(EMERGENCY, interior_walls=((3, 7),)),
+            r"^interior_walls has \(3, 7\); it must be inside the border$",
+        ),
+        (lambda: with_fixture((0, 2)), r"^the extinguisher's cell is \(0, 2\); it must be a free cell$"),
+        (
+            lambda: replace(with_fixture((2, 2)), interior_walls=((2, 2),)),
+            r"^the extinguisher's cell is \(2, 2\); it must be a free cell$",
+        ),
         (
             lambda: replace(EMERGENCY, objects=(UNKNOWN_REWARD,)),
             r"^reward is 'rescue'; .*'extinguish', 'save'",
@@ -44,8 +94,49 @@ def require_one_line(call: Callable[[], Any], match: str) -> None:
         (lambda: Engine(EMERGENCY, num_envs=0), r"^num_envs is 0; it must be at least 1"),
         (lambda: Engine(EMERGENCY, num_agents=0), r"^num_agents is 0; it must be 1 to 16"),
         (lambda: Engine(EMERGENCY, num_agents=17), r"^num_agents is 17; it must be 1 to 16"),
+        (lambda: Engine(EMERGENCY, num_agents=1.5), r"^num_agents is 1.5; it must be 1 to 16"),
+        (lambda: emergency_v0.vector_env("4"), r"^num_envs is '4'; it must be at least 1"),
+        (lambda: emergency_v0.vector_env(4, num_agents=0), r"^num_agents is 0; it must be 1 to 16"),
         (lambda: emergency_v0.parallel_env(num_people=36), r"add up to 37; emergency_v0 has 36 free cells"),
         (lambda: delivery_v0.single_env(height=8, width=8), r"add up to 45; delivery_v0 has 36 free cells"),
+        (
+            lambda: emergency_v0.vector_env(2, num_agents=3, num_people=34),
+            r"add up to 37; emergency_v0 has 36 free cells",
+        ),
+        # 31 people and an agent fit into the empty room, but four walls of two cells leave room for 28.
+        (
+            lambda: emergency_v0.parallel_env(num_people=31, layout="maze"),
+            r"^num_agents .* add up to 32; emergency_v0 has at least 28 free cells to place them on$",
+        ),
+        (
+            lambda: emergency_v0.single_env(num_people=0, layout=Layout(counts={"people": (0, 36)})),
+            r"add up to 37; emergency_v0 has at least 36 free cells",
+        ),
+        # Nothing starts at the goal.
+        (
+            lambda: Engine(
+                replace(windy_wall_v0.world(), height=3, width=5, interior_walls=()), num_agents=3
+            ),
+            r"the goal's cell is \(1, 10\); it must be a free cell",
+        ),
+        (
+            lambda: Engine(ENDING_CORRIDOR, num_agents=3),
+            r"^num_agents .* add up to 3; windy_wall_v0 has 2 free cells to place them on$",
+        ),
+        (lambda: emergency_v0.world(layout="castle"), r"^layout is 'castle'; it must be .*'random'.*'ring'"),
+        (lambda: delivery_v0.single_env(layout=3), r"^layout is 3; it must be a Layout or one of .*'maze'"),
+        (
+            lambda: windy_wall_v0.world().in_layout("random"),
+            r"^layout is Layout\(.*\); it must be None, for windy_wall_v0 has walls of its own$",
+        ),
+        (
+            lambda: delivery_v0.vector_env(2, layout=Layout(counts={"dogs": 2})),
+            r"^counts\['dogs'\] is 2; the kind must be one of \('deliveries', .*'vases'\)$",
+        ),
+        (
+            lambda: emergency_v0.parallel_env(height=6, layout="ring"),
+            r"^height is 6; the plan 'ring' needs at least 8$",
+        ),
         (lambda: spawn_streams(-1, 1), r"^seed is -1; it must be 0 or more"),
         (lambda: emergency_v0.parallel_env().reset(seed=-5), r"^seed is -5; it must be 0 or more"),
         (lambda: emergency_v0.vector_env(2).reset(seed=[1, 2, 3]), r"^seed has 3 entries; .* integer or 2$"),
@@ -80,8 +171,80 @@ def test_the_largest_number_of_kinds_fits() -> None:
     assert not step.rewards[:, :, 1].any()
 
 
-@pytest.mark.parametrize("make", ["parallel_env", "env", "single_env", "vector_env"])
-@pytest.mark.parametrize("module", [emergency_v0, delivery_v0])
+FACES = ["parallel_env", "env", "single_env", "vector_env"]
+MODULES = [emergency_v0, delivery_v0, burning_warehouse_v0, windy_wall_v0]
+
+
+@pytest.mark.parametrize("radius", [0, -1, 1.5, "2"])
+@pytest.mark.parametrize("make", FACES)
+@pytest.mark.parametrize("module", MODULES)
+def test_a_view_that_shows_nothing_is_refused(module: Any, make: str, radius: Any) -> None:
+    require_one_line(
+        lambda: getattr(module, make)(view_radius=radius),
+        rf"^view_radius is {radius!r}; it must be at least 1, or None for the whole grid$",
+    )
+
+
+@pytest.mark.parametrize("make", FACES)
+def test_a_world_of_fixed_walls_takes_no_layout(make: str) -> None:
+    with pytest.raises(TypeError, match="'layout'"):
+        getattr(windy_wall_v0, make)(layout="random")
+
+
+@pytest.mark.parametrize("options", [{}, {"num_envs": 3}])
+@pytest.mark.parametrize("make", ["parallel_env", "env", "vector_env"])
+@pytest.mark.parametrize(
+    ("agent_rewards", "match"),
+    [
+        ([["save"]], r"^agent_rewards has 1 entries; it must have one for each of 2 agents$"),
+        ([["save"]] * 3, r"^agent_rewards has 3 entries; it must have one for each of 2 agents$"),
+        ([], r"^agent_rewards has 0 entries; it must have one for each of 2 agents$"),
+        (
+            [["save"], ["vase"]],
+            r"^agent_rewards has \['vase'\]; it must be some of \('extinguish', 'save'\)$",
+        ),
+        ([["save"], ["save", "vase"]], r"^agent_rewards has \['save', 'vase'\]; it must be some of "),
+        ([["save"], []], r"^agent_rewards has \[\]; it must be some of \('extinguish', 'save'\)$"),
+        (["save", "save"], r"^agent_rewards has 'save'; it must be some of \('extinguish', 'save'\)$"),
+        ([["save"], 1], r"^agent_rewards has 1; it must be some of \('extinguish', 'save'\)$"),
+        ([["save"], [1]], r"^agent_rewards has \[1\]; it must be some of \('extinguish', 'save'\)$"),
+        ([["save"], [["save"]]], r"^agent_rewards has \[\['save'\]\]; it must be some of "),
+        ([["save"], None], r"^agent_rewards has None; it must be some of \('extinguish', 'save'\)$"),
+        ("save", r"^agent_rewards is 'save'; it must list names for each agent$"),
+        (2, r"^agent_rewards is 2; it must list names for each agent$"),
+    ],
+)
+def test_reward_components_that_are_not_there_are_refused(
+    make: str, agent_rewards: Any, match: str, options: dict[str, Any]
+) -> None:
+    if options and make != "vector_env":
+        options = {"team_reward": True}
+    call = getattr(emergency_v0, make)
+    require_one_line(lambda: call(num_agents=2, agent_rewards=agent_rewards, **options), match)
+
+
+@pytest.mark.parametrize("agent", ["agent_9", "agent_2", "", 0, None])
+@pytest.mark.parametrize("make", ["parallel_env", "env"])
+@pytest.mark.parametrize("module", MODULES)
+def test_an_unknown_agent_is_refused(module: Any, make: str, agent: Any) -> None:
+    env = getattr(module, make)(num_agents=2)
+    env.reset(seed=0)
+    match = rf"^agent is {agent!r}; it must be one of \['agent_0', 'agent_1'\]$"
+    require_one_line(lambda: env.observation_space(agent), match)
+    require_one_line(lambda: env.action_space(agent), match)
+    require_one_line(lambda: env.reward_space(agent), match)
+    if make == "env":
+        require_one_line(lambda: env.observe(agent), match)
+    else:
+        found = re.escape(repr(["agent_0", agent]))
+        require_one_line(
+            lambda: env.step({"agent_0": 0, agent: 0}),
+            rf"^actions are for {found}; they must be for \['agent_0', 'agent_1'\]$",
+        )
+
+
+@pytest.mark.parametrize("make", FACES)
+@pytest.mark.parametrize("module", MODULES)
 def test_an_unknown_render_mode_is_refused(module: Any, make: str) -> None:
     require_one_line(
         lambda: getattr(module, make)(render_mode="movie"), r"^render_mode is 'movie'; it must be .*'ansi'"
@@ -155,6 +318,36 @@ def test_a_vector_environment_wants_one_action_for_each_environment() -> None:
     )
 
 
+@pytest.mark.parametrize("action", [4, 8])
+def test_a_world_of_moves_has_no_other_actions(action: int) -> None:
+    parallel, aec = windy_wall_v0.parallel_env(num_agents=2), windy_wall_v0.env(num_agents=2)
+    single, vector = windy_wall_v0.single_env(), windy_wall_v0.vector_env(2, num_agents=2)
+    for env in (parallel, aec, single, vector):
+        env.reset(seed=0)
+    match = f"^actions contain {action}; an action is 0 to 3$"
+    require_one_line(lambda: parallel.step({"agent_0": 0, "agent_1": action}), match)
+    require_one_line(lambda: aec.step(action), f"^action is {action}; it must be 0 to 3$")
+    require_one_line(lambda: single.step(action), match)
+    require_one_line(lambda: vector.step([[0, 0], [0, action]]), match)
+
+
+@pytest.mark.parametrize("actions", [[1, 2, 3], [[1], [2], [3]], [[1, 2]] * 2])
+def test_a_vector_environment_wants_one_action_for_each_agent(actions: Any) -> None:
+    vector = emergency_v0.vector_env(3, num_agents=2)
+    vector.reset(seed=0)
+    match = rf"^actions have shape {re.escape(str(np.shape(actions)))}; they must have shape \(3, 2\)$"
+    require_one_line(lambda: vector.step(actions), match)
+
+
+@pytest.mark.parametrize("actions", [[1, 1], None, 1, np.ones(2, dtype=np.int64)])
+def test_a_joint_action_must_be_a_dict(actions: Any) -> None:
+    env = emergency_v0.parallel_env(num_agents=2)
+    env.reset(seed=0)
+    require_one_line(
+        lambda: env.step(actions), r"^actions are .*; they must be a dict with one for each agent$"
+    )
+
+
 @pytest.mark.parametrize(
     "actions", [{}, {"agent_0": 1}, {"agent_0": 1, "agent_1": 1, "agent_2": 1}, {0: 1, 1: 1}]
 )
@@ -182,15 +375,46 @@ def test_a_step_outside_an_episode_is_refused() -> None:
 
     aec = emergency_v0.env(max_cycles=1)
     require_one_line(lambda: aec.step(4), "call reset first")
+    require_one_line(aec.last, "outside an episode; call reset first")
+    require_one_line(lambda: aec.observe("agent_0"), "before the first episode; call reset first")
     aec.reset()
     aec.step(4)
     require_one_line(lambda: aec.step(4), "only valid action is None")
     aec.step(None)
     require_one_line(lambda: aec.step(4), "after the end of the episode; call reset first")
+    require_one_line(aec.last, "outside an episode; call reset first")
 
     vector = emergency_v0.vector_env(3, max_cycles=2, autoreset_mode=AutoresetMode.DISABLED)
+    require_one_line(lambda: vector.step([4, 4, 4]), "before the first episode; call reset first")
     vector.reset()
     vector.step([4, 4, 4])
     vector.reset(options={"reset_mask": np.array([True, False, False])})
     vector.step([4, 4, 4])
     require_one_line(lambda: vector.step([4, 4, 4]), "after the end of environment 1; call reset first")
+
+
+def test_a_step_after_reaching_the_goal_is_refused() -> None:
+    """Two agents in a corridor, the second one beside the goal."""
+    corridor = replace(ENDING_CORRIDOR, slip=0.0)
+    single, parallel, aec = GridEnv(corridor), GridParallelEnv(corridor, 2), GridAECEnv(corridor, 2)
+    vector = GridVectorEnv(corridor, 2, autoreset_mode=AutoresetMode.DISABLED)
+    for env in (single, parallel, aec, vector):
+        env.reset(seed=0)
+
+    single.step(3)
+    assert single.step(3)[2:4] == (True, False)
+    require_one_line(lambda: single.step(3), "outside an episode; call reset first")
+
+    _, _, terminations, truncations, _ = parallel.step({"agent_0": 3, "agent_1": 3})
+    assert terminations == {"agent_0": True, "agent_1": True}
+    assert truncations == {"agent_0": False, "agent_1": False}
+    require_one_line(lambda: parallel.step({"agent_0": 3, "agent_1": 3}), "after the end of the episode")
+
+    aec.step(3)
+    aec.step(3)
+    assert aec.terminations == {"agent_0": True, "agent_1": True}
+    require_one_line(lambda: aec.step(3), "only valid action is None")
+
+    vector.step([2, 3])
+    assert vector.step([2, 3])[2].tolist() == [False, True]
+    require_one_line(lambda: vector.step([2, 3]), "after the end of environment 1; call reset first")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -14,32 +14,69 @@ from mo_gymnasium.wrappers.vector import MOSyncVectorEnv
 from momaland.utils.conversions import mo_aec_to_parallel, mo_parallel_to_aec
 from numpy.typing import NDArray
 
-from moral_envs import delivery_v0, emergency_v0
+from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0, windy_wall_v0
 from moral_envs.engine import Engine
 from moral_envs.faces import GridAECEnv, GridEnv, GridParallelEnv, GridVectorEnv
+from moral_envs.layouts import Layout
 from moral_envs.streams import spawn_streams
 from moral_envs.world import NUM_ACTIONS, World
-from tests.envs.worlds import small_worlds
+from tests.envs.worlds import agent_rewards, small_worlds
 
 Actions = NDArray[np.int64]
-"""Of shape (episodes, horizon, n_agents)."""
+"""Of shape (episodes, horizon, n_agents); an episode that ends early leaves the rest of its actions aside."""
 
 MODES = list(AutoresetMode)
-DEFAULT_WORLDS = [emergency_v0.world(), delivery_v0.world()]
+NEIGHBOURS = 3
+"""Environments of a batch; the trace is that of number 1."""
+
+
+@dataclass
+class Case:
+    """What all faces are to play alike."""
+
+    world: World
+    num_agents: int
+    seed: int
+    actions: Actions
+    team_reward: bool = False
+    view_radius: int | None = None
+    agent_rewards: list[list[str]] | None = None
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        return {
+            "num_agents": self.num_agents,
+            "team_reward": self.team_reward,
+            "view_radius": self.view_radius,
+            "agent_rewards": self.agent_rewards,
+        }
+
+    def all_components(self, rewards: list[Any]) -> list[Any]:
+        """PettingZoo's agents get only what they are paid; here with zeros for the rest."""
+        if self.agent_rewards is None:
+            return rewards
+        names, rows = self.world.reward_names, []
+        for reward, paid in zip(rewards, self.agent_rewards, strict=True):
+            row = np.zeros(len(names), dtype=np.float32)
+            row[[name in paid for name in names]] = reward
+            rows.append(row)
+        return rows
 
 
 @dataclass
 class Episode:
-    """What an episode showed; the first observations and objectives are those of the reset."""
+    """What an episode of t steps showed; the first observations and objectives are those of the reset."""
 
     observations: NDArray[np.uint8]
-    """Shape (horizon + 1, n_agents, C, H, W)."""
+    """Shape (t + 1, n_agents, C, H, W)."""
     rewards: NDArray[np.float32]
-    """Shape (horizon, n_agents, k)."""
+    """Shape (t, n_agents, k)."""
+    terminations: NDArray[np.bool_]
+    """Shape (t,)."""
     truncations: NDArray[np.bool_]
-    """Shape (horizon,)."""
+    """Shape (t,)."""
     objectives: NDArray[np.int64]
-    """Shape (horizon + 1, n_agents, m)."""
+    """Shape (t + 1, n_agents, m)."""
 
 
 Trace = list[Episode]
@@ -51,43 +88,61 @@ class Recorder:
     def __init__(self, observations: Any, objectives: Any) -> None:
         self.observations, self.objectives = [observations], [objectives]
         self.rewards: list[Any] = []
+        self.terminations: list[Any] = []
         self.truncations: list[Any] = []
 
-    def add(self, observations: Any, rewards: Any, truncation: Any, objectives: Any) -> None:
+    def add(
+        self, observations: Any, rewards: Any, termination: Any, truncation: Any, objectives: Any
+    ) -> bool:
+        """Record a step; returns whether it ends the episode."""
         self.observations.append(observations)
         self.rewards.append(rewards)
+        self.terminations.append(termination)
         self.truncations.append(truncation)
         self.objectives.append(objectives)
+        assert not (termination and truncation)
+        return bool(termination or truncation)
 
     def episode(self) -> Episode:
-        recorded = (self.observations, self.rewards, self.truncations, self.objectives)
-        return Episode(*(np.array(values) for values in recorded))
+        return Episode(*(np.array(getattr(self, field.name)) for field in fields(Episode)))
 
 
-def assert_same(left: Trace, right: Trace) -> None:
+def assert_same(left: Trace, right: Trace, same_types: bool = True) -> None:
     assert len(left) == len(right)
     for one, other in zip(left, right, strict=True):
-        for name in ("observations", "rewards", "truncations", "objectives"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        for field in fields(Episode):
+            values, others = getattr(one, field.name), getattr(other, field.name)
+            assert values.shape == others.shape, field.name
+            assert values.dtype == others.dtype or not same_types, field.name
+            np.testing.assert_array_equal(values, others, err_msg=field.name)
 
 
-def engine_trace(engine: Engine, seed: int, actions: Actions) -> Trace:
-    engine.seed(spawn_streams(seed, 1))
+def engine_trace(case: Case) -> Trace:
+    engine = Engine(case.world, **case.arguments)
+    engine.seed(spawn_streams(case.seed, 1))
     trace = []
-    for episode in actions:
+    for episode in case.actions:
         engine.reset()
         recorder = Recorder(engine.observe()[0], engine.objectives[0])
         for joint in episode:
             step = engine.step(joint[None])
-            recorder.add(engine.observe()[0], step.rewards[0], step.truncations[0], engine.objectives[0])
+            ends = step.terminations[0], step.truncations[0]
+            if recorder.add(engine.observe()[0], step.rewards[0], *ends, engine.objectives[0]):
+                break
         trace.append(recorder.episode())
     return trace
 
 
-def parallel_trace(env: Any, seed: int, actions: Actions) -> Trace:
+def common_value(values: dict[str, bool]) -> bool:
+    """All agents of an environment begin and end together."""
+    (value,) = set(values.values())
+    return value
+
+
+def parallel_trace(case: Case, env: Any) -> Trace:
     trace = []
-    for number, episode in enumerate(actions):
-        observations, infos = env.reset(seed=seed if number == 0 else None)
+    for number, episode in enumerate(case.actions):
+        observations, infos = env.reset(seed=case.seed if number == 0 else None)
         agents = list(env.agents)
         recorder = Recorder(
             [observations[agent] for agent in agents], [infos[agent]["objectives"] for agent in agents]
@@ -97,178 +152,284 @@ def parallel_trace(env: Any, seed: int, actions: Actions) -> Trace:
             observations, rewards, terminations, truncations, infos = env.step(
                 dict(zip(agents, joint, strict=True))
             )
-            assert not any(terminations.values())
-            assert len(set(truncations.values())) == 1
-            recorder.add(
+            ended = recorder.add(
                 [observations[agent] for agent in agents],
-                [rewards[agent] for agent in agents],
-                truncations[agents[0]],
+                case.all_components([rewards[agent] for agent in agents]),
+                common_value(terminations),
+                common_value(truncations),
                 [infos[agent]["objectives"] for agent in agents],
             )
+            if ended:
+                break
         assert not env.agents
         trace.append(recorder.episode())
     return trace
 
 
-def aec_trace(env: Any, seed: int, actions: Actions) -> Trace:
+def aec_trace(case: Case, env: Any) -> Trace:
     trace = []
-    for number, episode in enumerate(actions):
-        env.reset(seed=seed if number == 0 else None)
+    for number, episode in enumerate(case.actions):
+        env.reset(seed=case.seed if number == 0 else None)
         agents = list(env.agents)
         turns: dict[str, list[Any]] = {agent: [] for agent in agents}
         for agent in env.agent_iter():
             observation, reward, terminated, truncated, info = env.last()
-            assert not terminated
-            turns[agent].append((observation, reward.copy(), truncated, info["objectives"].copy()))
+            turns[agent].append(
+                (observation, reward.copy(), terminated, truncated, info["objectives"].copy())
+            )
             time = len(turns[agent]) - 1
-            env.step(None if truncated else episode[time, agents.index(agent)])
-        steps = zip(*turns.values(), strict=True)
-        joint = [[list(values) for values in zip(*step, strict=True)] for step in steps]
-        recorder = Recorder(joint[0][0], joint[0][3])
-        assert not np.any(joint[0][1])
-        for observations, rewards, truncations, objectives in joint[1:]:
-            assert len(set(truncations)) == 1
-            recorder.add(observations, rewards, truncations[0], objectives)
+            env.step(None if terminated or truncated else episode[time, agents.index(agent)])
+        first, *steps = zip(*turns.values(), strict=True)
+        observations, rewards, _, _, objectives = zip(*first, strict=True)
+        assert not any(reward.any() for reward in rewards)
+        recorder = Recorder(observations, objectives)
+        for step in steps:
+            observations, rewards, terminations, truncations, objectives = zip(*step, strict=True)
+            recorder.add(
+                observations,
+                case.all_components(list(rewards)),
+                common_value(dict(enumerate(terminations))),
+                common_value(dict(enumerate(truncations))),
+                objectives,
+            )
         trace.append(recorder.episode())
     return trace
 
 
-def single_trace(env: GridEnv, seed: int, actions: Actions) -> Trace:
+def single_trace(case: Case, env: GridEnv) -> Trace:
     trace = []
-    for number, episode in enumerate(actions):
-        observation, info = env.reset(seed=seed if number == 0 else None)
+    for number, episode in enumerate(case.actions):
+        observation, info = env.reset(seed=case.seed if number == 0 else None)
         recorder = Recorder([observation], [info["objectives"]])
         for (action,) in episode:
             observation, reward, terminated, truncated, info = env.step(action)
-            assert not terminated
-            recorder.add([observation], [reward], truncated, [info["objectives"]])
+            if recorder.add([observation], [reward], terminated, truncated, [info["objectives"]]):
+                break
         trace.append(recorder.episode())
     return trace
 
 
-def vector_trace(env: Any, seed: int, actions: Actions, mode: AutoresetMode, head_start: int) -> Trace:
-    """The trace of environment 1 of three, whose neighbours are some steps further in their episodes."""
-    rng = np.random.default_rng(seed)
-    batch = rng.integers(NUM_ACTIONS, size=(*actions.shape[:2], 3))
-    batch[:, :, 1] = actions[:, :, 0]
-    alone = np.array([False, True, False])
-    env.reset(seed=[seed + 1, seed, seed + 2])
+def vector_trace(case: Case, env: Any, mode: AutoresetMode, head_start: int, agent_axis: bool) -> Trace:
+    """The trace of environment 1, whose neighbours are some steps further in episodes of their own."""
+    rng = np.random.default_rng(case.seed)
+    own = np.arange(NEIGHBOURS) == 1
+    ended = np.zeros(NEIGHBOURS, dtype=np.bool_)
+
+    def shown(array: NDArray[Any]) -> NDArray[Any]:
+        """What belongs to environment 1, with an axis for its agents."""
+        return array[1] if agent_axis else array[1:2]
+
+    def step(joint: NDArray[np.int64] | None) -> Any:
+        """Take a step, at random where nothing else is given."""
+        if mode == AutoresetMode.DISABLED and ended.any():
+            env.reset(options={"reset_mask": ended})
+        actions = rng.integers(case.world.num_actions, size=env.action_space.shape)
+        if joint is not None:
+            actions[1] = joint if agent_axis else joint[0]
+        result = env.step(actions)
+        ended[:] = result[2] | result[3]
+        return result
+
+    seeds = [case.seed + 1, case.seed, case.seed + 2]
+    env.reset(seed=seeds)
     for _ in range(head_start):
-        env.step(rng.integers(NUM_ACTIONS, size=3))
-    if head_start:
-        observations, infos = env.reset(seed=[None, seed, None], options={"reset_mask": alone})
-    else:
-        observations, infos = env.reset(seed=[None, seed, None])
-    ended = np.zeros(3, dtype=np.bool_)
+        step(None)
+    partial = {"options": {"reset_mask": own}} if head_start else {}
+    observations, infos = env.reset(seed=[None, case.seed, None], **partial)
+    ended[:] = ended & ~own & (head_start > 0)
     trace = []
-    for number, episode in enumerate(batch):
+    for number, episode in enumerate(case.actions):
         if number > 0 and mode == AutoresetMode.NEXT_STEP:
-            observations, rewards, _, truncations, infos = env.step(rng.integers(NUM_ACTIONS, size=3))
+            observations, rewards, terminations, truncations, infos = step(None)
             assert not rewards[1].any()
+            assert not terminations[1]
             assert not truncations[1]
-        recorder = Recorder(observations[1:2], infos["objectives"][1:2])
-        for joint in episode:
-            if mode == AutoresetMode.DISABLED and ended.any():
-                env.reset(options={"reset_mask": ended})
-            observations, rewards, terminations, truncations, infos = env.step(joint)
-            assert not terminations.any()
-            ended = truncations.copy()
-            last, objectives = observations[1], infos["objectives"][1]
-            if mode == AutoresetMode.SAME_STEP and truncations.any():
-                np.testing.assert_array_equal(infos["_final_obs"], truncations)
-                np.testing.assert_array_equal(infos["_final_info"], truncations)
-                np.testing.assert_array_equal(infos["final_info"]["_objectives"], truncations)
-                for env_number in range(3):
-                    assert (infos["final_obs"][env_number] is not None) == truncations[env_number]
-                if truncations[1]:
-                    last, objectives = infos["final_obs"][1], infos["final_info"]["objectives"][1]
-            recorder.add([last], rewards[1:2], truncations[1], [objectives])
-        if mode == AutoresetMode.DISABLED:
+        elif number > 0 and mode == AutoresetMode.DISABLED:
             observations, infos = env.reset(options={"reset_mask": ended})
             ended[:] = False
+        recorder = Recorder(shown(observations), shown(infos["objectives"]))
+        for joint in episode:
+            observations, rewards, terminations, truncations, infos = step(joint)
+            last, objectives = shown(observations), shown(infos["objectives"])
+            if mode == AutoresetMode.SAME_STEP and ended.any():
+                np.testing.assert_array_equal(infos["_final_obs"], ended)
+                np.testing.assert_array_equal(infos["_final_info"], ended)
+                np.testing.assert_array_equal(infos["final_info"]["_objectives"], ended)
+                assert [final is not None for final in infos["final_obs"]] == ended.tolist()
+                if ended[1]:
+                    final = infos["final_obs"][1]
+                    last, objectives = (
+                        final if agent_axis else final[None],
+                        shown(infos["final_info"]["objectives"]),
+                    )
+            if recorder.add(last, shown(rewards), terminations[1], truncations[1], objectives):
+                break
         trace.append(recorder.episode())
     return trace
 
 
-def require_one_trace(
-    world: World, num_agents: int, team_reward: bool, seed: int, actions: Actions, head_start: int
-) -> Trace:
-    expected = engine_trace(Engine(world, 1, num_agents, team_reward), seed, actions)
-    arguments = (world, num_agents, team_reward)
-    assert_same(parallel_trace(GridParallelEnv(*arguments), seed, actions), expected)
-    assert_same(aec_trace(GridAECEnv(*arguments), seed, actions), expected)
-    assert_same(aec_trace(mo_parallel_to_aec(GridParallelEnv(*arguments)), seed, actions), expected)
-    assert_same(parallel_trace(mo_aec_to_parallel(GridAECEnv(*arguments)), seed, actions), expected)
-    if num_agents == 1:
-        assert_same(single_trace(GridEnv(world), seed, actions), expected)
+def require_one_trace(case: Case, head_start: int) -> Trace:
+    """Play a case on every face; returns the one trace."""
+    expected = engine_trace(case)
+    world, arguments = case.world, case.arguments
+    assert_same(parallel_trace(case, GridParallelEnv(world, **arguments)), expected)
+    assert_same(aec_trace(case, GridAECEnv(world, **arguments)), expected)
+    # MOMAland's conversions add rewards up in float64, and one takes all reward vectors to be of one length.
+    converted = mo_parallel_to_aec(GridParallelEnv(world, **arguments))
+    assert_same(aec_trace(case, converted), expected, same_types=False)
+    if case.agent_rewards is None or len({len(names) for names in case.agent_rewards}) == 1:
+        converted = mo_aec_to_parallel(GridAECEnv(world, **arguments))
+        assert_same(parallel_trace(case, converted), expected, same_types=False)
+    for mode in MODES:
+        vector = GridVectorEnv(world, NEIGHBOURS, autoreset_mode=mode, **arguments)
+        assert_same(vector_trace(case, vector, mode, head_start, agent_axis=True), expected)
+    if case.num_agents == 1:
         for mode in MODES:
-            vector = GridVectorEnv(world, 3, autoreset_mode=mode)
-            assert_same(vector_trace(vector, seed, actions, mode, head_start), expected)
-        peer = MOSyncVectorEnv([lambda: GridEnv(world)] * 3)
-        assert_same(vector_trace(peer, seed, actions, AutoresetMode.NEXT_STEP, 0), expected)
+            vector = GridVectorEnv(
+                world, NEIGHBOURS, autoreset_mode=mode, **{**arguments, "num_agents": None}
+            )
+            assert_same(vector_trace(case, vector, mode, head_start, agent_axis=False), expected)
+    if case.num_agents == 1 and case.agent_rewards is None:
+        assert_same(single_trace(case, GridEnv(world, view_radius=case.view_radius)), expected)
+        peer = MOSyncVectorEnv([lambda: GridEnv(world, view_radius=case.view_radius)] * NEIGHBOURS)
+        assert_same(vector_trace(case, peer, AutoresetMode.NEXT_STEP, 0, agent_axis=False), expected)
     return expected
 
 
 def random_actions(seed: int, episodes: int, world: World, num_agents: int) -> Actions:
     rng = np.random.default_rng(seed)
-    return rng.integers(NUM_ACTIONS, size=(episodes, world.horizon, num_agents))
+    return rng.integers(world.num_actions, size=(episodes, world.horizon, num_agents))
 
 
 @pytest.mark.parametrize("num_agents", [1, 2, 3])
-@pytest.mark.parametrize("world", DEFAULT_WORLDS, ids=lambda world: str(world.name))
+@pytest.mark.parametrize(
+    "world", [emergency_v0.world(), delivery_v0.world()], ids=lambda world: str(world.name)
+)
 def test_all_faces_give_one_trace_in_full_episodes(world: World, num_agents: int) -> None:
     """Six times 35 episodes, 210 in all, each over the whole horizon on every face."""
     actions = random_actions(num_agents, 35, world, num_agents)
-    trace = require_one_trace(world, num_agents, False, seed=8, actions=actions, head_start=11)
+    trace = require_one_trace(Case(world, num_agents, 8, actions), head_start=11)
     starts = {episode.observations[0].tobytes() for episode in trace}
     assert len(starts) == 35
     for episode in trace:
         np.testing.assert_array_equal(np.flatnonzero(episode.truncations), [world.horizon - 1])
+        assert not episode.terminations.any()
         assert not episode.objectives[0].any()
     assert (sum(episode.objectives[-1].sum(axis=0) for episode in trace) > 0).all()
 
 
+@pytest.mark.parametrize("num_agents", [1, 2])
+@pytest.mark.parametrize(
+    "world",
+    [
+        burning_warehouse_v0.world(),
+        burning_warehouse_v0.world(
+            layout=Layout(height=(5, 8), walls=1.0, counts={"people": (0, 6)}, max_cycles=(5, 40))
+        ),
+        delivery_v0.world(layout="spiral"),
+        windy_wall_v0.world(max_cycles=300),
+    ],
+    ids=["people walk", "rooms and horizons differ", "a floor plan", "the goal ends it"],
+)
+def test_all_faces_give_one_trace_where_episodes_differ(world: World, num_agents: int) -> None:
+    actions = random_actions(num_agents, 8, world, num_agents)
+    trace = require_one_trace(Case(world, num_agents, 3, actions), head_start=4)
+    lengths = {len(episode.rewards) for episode in trace}
+    if world.layout is not None and world.layout.max_cycles is not None:
+        assert len(lengths) > 1
+    elif world.name == "windy_wall_v0":
+        assert {bool(episode.terminations[-1]) for episode in trace} == {False, True}
+        assert not any(episode.terminations[:-1].any() for episode in trace)
+    else:
+        assert lengths == {world.horizon}
+
+
 @given(data=st.data(), seed=st.integers(0, 2**32 - 3), team_reward=st.booleans())
-@settings(max_examples=100)
+@settings(max_examples=80)
 def test_all_faces_give_one_trace_in_any_world(data: st.DataObject, seed: int, team_reward: bool) -> None:
     num_agents = data.draw(st.integers(1, 4))
     world = data.draw(small_worlds(num_agents))
-    head_start = data.draw(st.integers(0, world.horizon - 1))
-    actions = random_actions(seed, 3, world, num_agents)
-    require_one_trace(world, num_agents, team_reward and num_agents > 1, seed, actions, head_start)
+    case = Case(
+        world,
+        num_agents,
+        seed,
+        random_actions(seed, 3, world, num_agents),
+        team_reward,
+        data.draw(st.none() | st.integers(1, 3)),
+        data.draw(st.none() | agent_rewards(world, num_agents)),
+    )
+    require_one_trace(case, data.draw(st.integers(0, world.horizon - 1)))
 
 
-@pytest.mark.parametrize("module", [emergency_v0, delivery_v0])
-def test_a_list_of_seeds_is_as_many_single_environments(module: Any) -> None:
+@pytest.mark.parametrize(
+    ("module", "rules"),
+    [
+        (emergency_v0, {}),
+        (delivery_v0, {"layout": "random"}),
+        (burning_warehouse_v0, {}),
+        (windy_wall_v0, {"max_cycles": 80}),
+    ],
+)
+def test_a_list_of_seeds_is_as_many_single_environments(module: Any, rules: dict[str, Any]) -> None:
     seeds = [4, 7, 4, 0]
-    vector = module.vector_env(4, autoreset_mode=AutoresetMode.SAME_STEP)
+    vector = module.vector_env(4, autoreset_mode=AutoresetMode.SAME_STEP, **rules)
     observations, _ = vector.reset(seed=seeds)
-    singles = [module.single_env() for _ in seeds]
+    singles = [module.single_env(**rules) for _ in seeds]
     for row, env, seed in zip(observations, singles, seeds, strict=True):
         np.testing.assert_array_equal(row, env.reset(seed=seed)[0])
     np.testing.assert_array_equal(observations[0], observations[2])
-    actions = random_actions(0, 3, module.world(), 4).reshape(-1, 4)
+    actions = random_actions(0, 3, module.world(**rules), 4).reshape(-1, 4)
     for joint in actions:
-        observations, rewards, _, truncations, infos = vector.step(joint)
+        observations, rewards, terminations, truncations, infos = vector.step(joint)
         for i, env in enumerate(singles):
-            observation, reward, _, truncated, info = env.step(joint[i])
+            observation, reward, terminated, truncated, info = env.step(joint[i])
             np.testing.assert_array_equal(rewards[i], reward)
+            assert terminations[i] == terminated
             assert truncations[i] == truncated
-            if truncated:
+            if terminated or truncated:
                 np.testing.assert_array_equal(infos["final_info"]["objectives"][i], info["objectives"])
                 observation, info = env.reset()
             np.testing.assert_array_equal(observations[i], observation)
             np.testing.assert_array_equal(infos["objectives"][i], info["objectives"])
 
 
-@pytest.mark.parametrize("module", [emergency_v0, delivery_v0])
-def test_one_seed_gives_every_environment_its_own_episode(module: Any) -> None:
-    observations, _ = module.vector_env(50).reset(seed=3)
+@pytest.mark.parametrize(
+    ("module", "rules"),
+    [
+        (emergency_v0, {}),
+        (emergency_v0, {"layout": "random"}),
+        (delivery_v0, {}),
+        (burning_warehouse_v0, {"layout": "ring"}),
+    ],
+)
+def test_one_seed_gives_every_environment_its_own_episode(module: Any, rules: dict[str, Any]) -> None:
+    observations, _ = module.vector_env(50, **rules).reset(seed=3)
     assert len({row.tobytes() for row in observations}) == 50
-    np.testing.assert_array_equal(observations[0], module.single_env().reset(seed=3)[0])
-    np.testing.assert_array_equal(observations[:10], module.vector_env(10).reset(seed=3)[0])
-    again, _ = module.vector_env(50).reset(seed=3)
+    np.testing.assert_array_equal(observations[0], module.single_env(**rules).reset(seed=3)[0])
+    np.testing.assert_array_equal(observations[:10], module.vector_env(10, **rules).reset(seed=3)[0])
+    again, _ = module.vector_env(50, **rules).reset(seed=3)
     np.testing.assert_array_equal(observations, again)
+
+
+def test_the_agents_of_a_batch_have_an_axis_of_their_own() -> None:
+    paid = [["clean"], ["vase", "help"]]
+    env = delivery_v0.vector_env(5, num_agents=2, view_radius=3, agent_rewards=paid)
+    assert env.single_observation_space.shape == (2, 7, 7, 7)
+    assert env.observation_space.shape == (5, 2, 7, 7, 7)
+    assert env.single_action_space.nvec.tolist() == [9, 9]
+    assert env.action_space.shape == (5, 2)
+    assert env.reward_space.shape == (2, 4)
+    np.testing.assert_array_equal(env.reward_space.low, [[0, 0, 0, 0], [0, 0, 0, -1]])
+    np.testing.assert_array_equal(env.reward_space.high, [[0, 0, 1, 0], [0, 1, 0, 0]])
+    observations, infos = env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(20):
+        assert env.observation_space.contains(observations)
+        assert infos["objectives"].shape == (5, 2, 4)
+        observations, rewards, terminations, truncations, infos = env.step(env.action_space.sample())
+        assert rewards.dtype == np.float32
+        assert all(env.reward_space.contains(row) for row in rewards)
+        assert terminations.shape == truncations.shape == (5,)
 
 
 def test_a_seed_may_be_any_integer() -> None:
@@ -321,16 +482,21 @@ def test_unseeded_environments_differ() -> None:
     assert len(starts) == 5
 
 
+@pytest.mark.parametrize("options", [{}, {"num_agents": 3}, {"num_agents": 3, "view_radius": 1}])
 @pytest.mark.parametrize("mode", MODES)
-def test_what_a_vector_environment_returns_is_the_callers_own(mode: AutoresetMode) -> None:
+def test_what_a_vector_environment_returns_is_the_callers_own(
+    mode: AutoresetMode, options: dict[str, Any]
+) -> None:
     """Two environments, one whose results are overwritten at once, stay the same through auto-resets."""
-    careful, careless = (emergency_v0.vector_env(4, autoreset_mode=mode, max_cycles=3) for _ in range(2))
+    careful, careless = (
+        burning_warehouse_v0.vector_env(4, autoreset_mode=mode, max_cycles=3, **options) for _ in range(2)
+    )
     careful.reset(seed=0)
     observations, infos = careless.reset(seed=0)
     observations[:], infos["objectives"][:] = 9, 9
     rng = np.random.default_rng(0)
     for time in range(1, 13):
-        actions = rng.integers(NUM_ACTIONS, size=4)
+        actions = rng.integers(NUM_ACTIONS, size=careful.action_space.shape)
         left, right = careful.step(actions), careless.step(actions)
         for one, other in zip(left[:4], right[:4], strict=True):
             np.testing.assert_array_equal(one, other)

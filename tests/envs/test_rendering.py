@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from moral_envs import delivery_v0, emergency_v0
-from moral_envs.rendering import _drawing, draw_ansi, draw_rgb
+from moral_envs.rendering import _drawing, draw_ansi, draw_icon, draw_rgb
 from moral_envs.world import Effect, Fixture, ObjectKind, Pattern, World
 
 EMERGENCY, DELIVERY = emergency_v0.world(), delivery_v0.world()
@@ -139,6 +139,69 @@ def test_all_that_shares_a_cell_is_visible() -> None:
     person = scene(EMERGENCY, {0: [(2, 2)]})
     look = cell(draw_rgb(EMERGENCY, person, at((2, 2))), 2, 2)
     assert [has(look, colour) for colour in (shirt, red, blue)] == [True, False, True]
+
+
+def test_walls_inside_are_drawn_in_text() -> None:
+    planes = scene(EMERGENCY, {0: [(1, 1)]})
+    planes[0, 2, 2:4] = planes[0, 3, 2] = 1
+    assert draw_ansi(EMERGENCY, planes, at((3, 3))).splitlines()[:5] == [
+        "########################",
+        "### P  .  .  .  .  . ###",
+        "### . ###### .  .  . ###",
+        "### . ###A   .  .  . ###",
+        "### .  .  .  .  .  . ###",
+    ]
+
+
+@pytest.mark.parametrize("tile", TILES)
+def test_walls_inside_are_drawn_like_those_of_the_border(tile: int) -> None:
+    planes = scene(DELIVERY, {})
+    for where in [(2, 2), (2, 3), (3, 2), (6, 6)]:
+        planes[0][where] = 1
+    image = draw_rgb(DELIVERY, planes, at((1, 1)), tile)
+    border = cell(image, 0, 0, tile)
+    for row, column in np.ndindex(16, 16):
+        walled = (cell(image, row, column, tile) == border).all()
+        assert walled == planes[0, row, column]
+
+
+@pytest.mark.parametrize("radius", [1, 2, 5, 20])
+@pytest.mark.parametrize("agents", [at((1, 1)), at((14, 7), (3, 12)), at((8, 8), (8, 9), (14, 14))])
+def test_what_no_agent_sees_lies_in_the_shade(agents: NDArray[np.int64], radius: int) -> None:
+    planes = scene(DELIVERY, {0: [(2, 2), (10, 4)], 1: [(9, 9)], 3: [(14, 1)]})
+    bright = draw_rgb(DELIVERY, planes, agents)
+    shaded = draw_rgb(DELIVERY, planes, agents, view_radius=radius)
+    for row, column in np.ndindex(16, 16):
+        one, other = cell(bright, row, column), cell(shaded, row, column)
+        if any(abs(row - r) <= radius and abs(column - c) <= radius for r, c in agents.tolist()):
+            np.testing.assert_array_equal(one, other)
+        else:
+            assert (brightness(one) - brightness(other)).mean() > 15
+
+
+def test_faces_shade_what_their_agents_do_not_see() -> None:
+    frames = []
+    for arguments in ({"view_radius": 2}, {}):
+        env = delivery_v0.parallel_env(num_agents=2, render_mode="rgb_array", **arguments)
+        env.reset(seed=0)
+        frames.append(env.render())
+    engine = env.engine
+    wanted = draw_rgb(engine.world, engine.world_planes()[0], engine.agent_cells[0], view_radius=2)
+    np.testing.assert_array_equal(frames[0], wanted)
+    assert (frames[0] != frames[1]).any()
+
+
+@pytest.mark.parametrize("size", [8, 16, 32])
+def test_an_icon_is_what_the_grid_shows(size: int) -> None:
+    for number, kind in enumerate(DELIVERY.objects):
+        image = draw_rgb(DELIVERY, scene(DELIVERY, {number: [(1, 1)]}), at((2, 2)), size)
+        inside = np.s_[: size - 1, : size - 1]  # without the lines between cells
+        np.testing.assert_array_equal(
+            draw_icon(kind.pattern, size)[inside], cell(image, 1, 1, size)[inside], err_msg=kind.name
+        )
+    image = draw_rgb(DELIVERY, scene(DELIVERY, {}), at((2, 2), (2, 3)), size)
+    difference = draw_icon("agent", size, 1)[inside] != cell(image, 2, 3, size)[inside]
+    assert not difference.any()
 
 
 def test_only_the_cells_that_change_are_redrawn_differently() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import pytest
 from gymnasium.wrappers import FlattenObservation
@@ -12,9 +14,31 @@ import moral_envs  # noqa: F401  # registers the environments
 pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.env_checker import check_env
 
+WORLDS = [
+    ("Emergency", {}),
+    ("Emergency", {"view_radius": 2}),
+    ("Delivery", {}),
+    ("Delivery", {"layout": "random"}),
+    ("BurningWarehouse", {}),
+    ("BurningWarehouse", {"layout": "maze", "view_radius": 1}),
+    ("WindyWall", {}),
+]
 
-@pytest.mark.parametrize("env_id", ["moral/Emergency-v0", "moral/Delivery-v0"])
-def test_stable_baselines3_accepts_the_scalarised_single_face(env_id: str) -> None:
+
+@pytest.mark.parametrize("mode", [None, "ansi", "rgb_array", "human"])
+@pytest.mark.parametrize(("world", "rules"), WORLDS)
+def test_stable_baselines3_accepts_the_scalarised_single_face(
+    world: str, rules: dict[str, Any], mode: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+    def make() -> LinearReward:
+        env = gymnasium.make(f"moral/{world}-v0", render_mode=mode, **rules)
+        env.unwrapped.metadata["render_fps"] = 10_000
+        return LinearReward(env)
+
     # Its warnings take the planes for a picture with values up to 255.
-    check_env(LinearReward(gymnasium.make(env_id)), warn=False)
-    check_env(FlattenObservation(LinearReward(gymnasium.make(env_id))), warn=True)
+    env = make()
+    check_env(env, warn=False, skip_render_check=False)
+    check_env(FlattenObservation(make()), warn=True, skip_render_check=False)
+    env.close()

@@ -78,8 +78,11 @@ def play_episodes(
     Raises
     ------
     ValueError
-        If ``num_episodes`` is below 1, or the policy chooses what is no action.
+        If ``num_episodes`` is below 1, the policy chooses what is no action, or episodes of this world are
+        not all equally long.
     """
+    if world.ends_early:
+        raise ValueError(f"world is {world.name}; its episodes must all take the same number of steps")
     if num_episodes < 1:
         raise ValueError(f"num_episodes is {num_episodes}; it must be at least 1")
     engine = Engine(world, num_episodes)

@@ -63,7 +63,8 @@ as many steps as there are agents, then downwards for as many, and so on, from a
 reset. So each of any two agents precedes the other equally often. A move onto another agent's cell becomes
 waiting; of two agents that want the same cell or object, the one earlier in the order gets it. Each agent
 is paid and counted for what it does itself; with `team_reward=True` all are paid and counted for what they
-do together.
+do together. `agent_rewards` names, for each agent, the reward components that it is paid: their reward
+vectors have these alone (in `vector_env` the others are zero).
 
 ## Arguments
 All faces take:
@@ -73,17 +74,24 @@ All faces take:
   of each kind at the start of an episode.
 - `max_cycles` (default 50): steps of an episode.
 
-`parallel_env` (PettingZoo's parallel interface) and `env` (its agent-environment cycle) also take:
+- `layout` (default `None`): draws rooms anew for each episode, or a floor plan, by name or as a
+  `moral_envs.layouts.Layout`.
+- `view_radius` (default `None`): how many cells an agent sees in each direction; observations then have
+  height and width `2 * view_radius + 1`, with the agent in the middle and walls beyond the border.
+- `render_mode`: `None`, `"ansi"`, `"rgb_array"` or, except for `vector_env`, `"human"`.
 
-- `num_agents` (default 1) and `team_reward` (default `False`): see Several Agents.
-- `render_mode`: `None`, `"ansi"` or `"rgb_array"`.
+`parallel_env` (PettingZoo's parallel interface), `env` (its agent-environment cycle) and `vector_env` also
+take:
 
-`single_env` (Gymnasium, one agent, also `gymnasium.make("moral/Delivery-v0")`) takes `render_mode`.
-`vector_env` (Gymnasium's vector interface, one agent, also `gymnasium.make_vec("moral/Delivery-v0",
-num_envs=...)`) takes:
+- `num_agents` (default 1), `team_reward` (default `False`) and `agent_rewards` (default `None`): see Several
+  Agents.
+
+`single_env` is Gymnasium's interface for one agent, also `gymnasium.make("moral/Delivery-v0")`. `vector_env`
+is its vector interface, also `gymnasium.make_vec("moral/Delivery-v0", num_envs=...)`. It takes:
 
 - `num_envs` (default 1): environments in the batch.
-- `render_mode`, as above.
+- `num_agents` (default `None`): with a number, actions, observations, rewards and objectives get an axis of
+  agents after that of environments.
 - `autoreset_mode` (default `AutoresetMode.NEXT_STEP`): when an environment whose episode has ended is
   reset.
 
@@ -98,10 +106,11 @@ episode has 49 steps, since the first frame counts, and a broken vase registers 
 
 from __future__ import annotations
 
-from gymnasium.vector import AutoresetMode
-
-from moral_envs.faces import GridAECEnv, GridEnv, GridParallelEnv, GridVectorEnv
+from moral_envs.faces import Faces
+from moral_envs.layouts import Layout
 from moral_envs.world import Effect, ObjectKind, World
+
+__all__ = ["env", "parallel_env", "single_env", "vector_env", "world"]
 
 
 def world(
@@ -112,6 +121,7 @@ def world(
     num_pollution: int = 12,
     num_vases: int = 8,
     max_cycles: int = 50,
+    layout: Layout | str | None = None,
 ) -> World:
     """Delivery's rules as data.
 
@@ -123,6 +133,8 @@ def world(
         Objects of each kind at the start of an episode.
     max_cycles
         Steps after which an episode truncates.
+    layout
+        See :meth:`~moral_envs.world.World.in_layout`.
     """
     deliver = Effect("deliver", 1.0, "delivered")
     help_ = Effect("help", 1.0, "helped")
@@ -141,33 +153,9 @@ def world(
             ObjectKind("pollution", num_pollution, "pollution", "~", on_interact=clean),
             ObjectKind("vases", num_vases, "vase", "V", on_enter=break_vase),
         ),
-    )
+    ).in_layout(layout)
 
 
-def parallel_env(
-    num_agents: int = 1, team_reward: bool = False, render_mode: str | None = None, **rules: int
-) -> GridParallelEnv:
-    """Delivery as a PettingZoo parallel environment; ``rules`` go to :func:`world`."""
-    return GridParallelEnv(world(**rules), num_agents, team_reward, render_mode)
-
-
-def env(
-    num_agents: int = 1, team_reward: bool = False, render_mode: str | None = None, **rules: int
-) -> GridAECEnv:
-    """Delivery as a PettingZoo agent-environment-cycle environment; ``rules`` go to :func:`world`."""
-    return GridAECEnv(world(**rules), num_agents, team_reward, render_mode)
-
-
-def single_env(render_mode: str | None = None, **rules: int) -> GridEnv:
-    """Delivery as a single-agent Gymnasium environment; ``rules`` go to :func:`world`."""
-    return GridEnv(world(**rules), render_mode)
-
-
-def vector_env(
-    num_envs: int = 1,
-    render_mode: str | None = None,
-    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-    **rules: int,
-) -> GridVectorEnv:
-    """Delivery as a Gymnasium vector environment; ``rules`` go to :func:`world`."""
-    return GridVectorEnv(world(**rules), num_envs, render_mode, autoreset_mode)
+_faces = Faces(world)
+parallel_env, env = _faces.parallel_env, _faces.env
+single_env, vector_env = _faces.single_env, _faces.vector_env

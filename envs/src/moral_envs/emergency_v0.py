@@ -51,7 +51,8 @@ as many steps as there are agents, then downwards for as many, and so on, from a
 reset. So each of any two agents precedes the other equally often. A move onto another agent's cell becomes
 waiting; of two agents that want the same cell or object, the one earlier in the order gets it. Each agent
 is paid and counted for what it does itself; with `team_reward=True` all are paid and counted for what they
-do together.
+do together. `agent_rewards` names, for each agent, the reward components that it is paid: their reward
+vectors have these alone (in `vector_env` the others are zero).
 
 ## Arguments
 All faces take:
@@ -59,20 +60,35 @@ All faces take:
 - `height`, `width` (default 8): size in cells, the border wall included.
 - `num_people` (default 6): people at the start of an episode.
 - `max_cycles` (default 75): steps of an episode.
+- `pickup` (default `"interact"`): how people are saved; `"enter"`: by moving onto their cell.
+- `walk` (default 0): chance, at every step, that a person moves in a random direction once the agents have
+  acted. Walls, agents and other people block it. Burning Warehouse is this world with `pickup="enter"`,
+  `walk=1` and longer episodes.
 
-`parallel_env` (PettingZoo's parallel interface) and `env` (its agent-environment cycle) also take:
+- `layout` (default `None`): draws rooms anew for each episode, or a floor plan, by name or as a
+  `moral_envs.layouts.Layout`.
+- `view_radius` (default `None`): how many cells an agent sees in each direction; observations then have
+  height and width `2 * view_radius + 1`, with the agent in the middle and walls beyond the border.
+- `render_mode`: `None`, `"ansi"`, `"rgb_array"` or, except for `vector_env`, `"human"`.
 
-- `num_agents` (default 1) and `team_reward` (default `False`): see Several Agents.
-- `render_mode`: `None`, `"ansi"` or `"rgb_array"`.
+`parallel_env` (PettingZoo's parallel interface), `env` (its agent-environment cycle) and `vector_env` also
+take:
 
-`single_env` (Gymnasium, one agent, also `gymnasium.make("moral/Emergency-v0")`) takes `render_mode`.
-`vector_env` (Gymnasium's vector interface, one agent, also `gymnasium.make_vec("moral/Emergency-v0",
-num_envs=...)`) takes:
+- `num_agents` (default 1), `team_reward` (default `False`) and `agent_rewards` (default `None`): see Several
+  Agents.
+
+`single_env` is Gymnasium's interface for one agent, also `gymnasium.make("moral/Emergency-v0")`. `vector_env`
+is its vector interface, also `gymnasium.make_vec("moral/Emergency-v0", num_envs=...)`. It takes:
 
 - `num_envs` (default 1): environments in the batch.
-- `render_mode`, as above.
+- `num_agents` (default `None`): with a number, actions, observations, rewards and objectives get an axis of
+  agents after that of environments.
 - `autoreset_mode` (default `AutoresetMode.NEXT_STEP`): when an environment whose episode has ended is
   reset.
+
+## Coverage Set
+`gymnasium.make("moral/Emergency-v0").unwrapped.pareto_front(gamma)` is the exact convex coverage set,
+averaged over seeded starts, in MO-Gymnasium's convention; `moral_envs.optimal` has its hypervolume and more.
 
 ## Version History
 - v0: first version.
@@ -85,13 +101,29 @@ episode has 74 steps, since the first frame counts.
 
 from __future__ import annotations
 
-from gymnasium.vector import AutoresetMode
+from dataclasses import replace
+from typing import Literal
 
-from moral_envs.faces import GridAECEnv, GridEnv, GridParallelEnv, GridVectorEnv
-from moral_envs.world import Effect, Fixture, ObjectKind, World
+import numpy as np
+from numpy.typing import NDArray
+
+from moral_envs import optimal
+from moral_envs.faces import Faces, GridEnv
+from moral_envs.layouts import Layout
+from moral_envs.world import Effect, Fixture, ObjectKind, World, is_chance
+
+__all__ = ["EmergencyEnv", "env", "parallel_env", "single_env", "vector_env", "world"]
 
 
-def world(height: int = 8, width: int = 8, num_people: int = 6, max_cycles: int = 75) -> World:
+def world(
+    height: int = 8,
+    width: int = 8,
+    num_people: int = 6,
+    max_cycles: int = 75,
+    pickup: Literal["interact", "enter"] = "interact",
+    walk: float = 0.0,
+    layout: Layout | str | None = None,
+) -> World:
     """Emergency's rules as data.
 
     Parameters
@@ -102,7 +134,20 @@ def world(height: int = 8, width: int = 8, num_people: int = 6, max_cycles: int 
         People at the start of an episode.
     max_cycles
         Steps after which an episode truncates.
+    pickup
+        How people are saved: by interacting with their cell, or by moving onto it.
+    walk
+        Chance, at every step, that a person moves in a random direction.
+    layout
+        See :meth:`~moral_envs.world.World.in_layout`.
     """
+    if pickup not in ("interact", "enter"):
+        raise ValueError(f"pickup is {pickup!r}; it must be 'interact' or 'enter'")
+    if not is_chance(walk):
+        raise ValueError(f"walk is {walk!r}; a chance is 0 to 1")
+    save = Effect("save", 1.0, "people_saved")
+    people = ObjectKind("people", num_people, "person", "P", walks=walk)
+    people = replace(people, on_interact=save) if pickup == "interact" else replace(people, on_enter=save)
     return World(
         name="emergency_v0",
         height=height,
@@ -110,37 +155,45 @@ def world(height: int = 8, width: int = 8, num_people: int = 6, max_cycles: int 
         horizon=max_cycles,
         reward_names=("extinguish", "save"),
         objective_names=("goal_time", "people_saved"),
-        objects=(
-            ObjectKind("people", num_people, "person", "P", on_interact=Effect("save", 1.0, "people_saved")),
-        ),
+        objects=(people,),
         fixture=Fixture("extinguisher", "extinguisher", "E", on_stand=Effect("extinguish", 0.1, "goal_time")),
-    )
+    ).in_layout(layout)
 
 
-def parallel_env(
-    num_agents: int = 1, team_reward: bool = False, render_mode: str | None = None, **rules: int
-) -> GridParallelEnv:
-    """Emergency as a PettingZoo parallel environment; ``rules`` go to :func:`world`."""
-    return GridParallelEnv(world(**rules), num_agents, team_reward, render_mode)
+class EmergencyEnv(GridEnv):
+    """Emergency for one agent, with its exact coverage set."""
+
+    def pareto_front(
+        self, gamma: float = 1.0, num_starts: int = 100, seed: int = 0
+    ) -> list[NDArray[np.float64]]:
+        """Vertices of the convex coverage set: the best discounted returns, averaged over seeded starts.
+
+        They are the returns of policies that see the whole grid; with ``view_radius`` they are a bound.
+
+        Parameters
+        ----------
+        gamma
+            Discount factor; the first step is not discounted.
+        num_starts, seed
+            The starts, as of :func:`moral_envs.optimal.seeded_starts`.
+
+        Returns
+        -------
+        list of float64 arrays of shape (2,)
+            In the units of the reward vector, from least to most weight on saving people. What is exact is
+            told in :func:`moral_envs.optimal.discounted_coverage_set`.
+
+        Raises
+        ------
+        ValueError
+            If people walk, are saved by moving onto them, are more than 12, or their number or the horizon is
+            drawn for each episode.
+        """
+        world = self.engine.world
+        starts = optimal.seeded_starts(world, num_starts, seed)
+        return list(optimal.discounted_coverage_set(starts, world.horizon, gamma))
 
 
-def env(
-    num_agents: int = 1, team_reward: bool = False, render_mode: str | None = None, **rules: int
-) -> GridAECEnv:
-    """Emergency as a PettingZoo agent-environment-cycle environment; ``rules`` go to :func:`world`."""
-    return GridAECEnv(world(**rules), num_agents, team_reward, render_mode)
-
-
-def single_env(render_mode: str | None = None, **rules: int) -> GridEnv:
-    """Emergency as a single-agent Gymnasium environment; ``rules`` go to :func:`world`."""
-    return GridEnv(world(**rules), render_mode)
-
-
-def vector_env(
-    num_envs: int = 1,
-    render_mode: str | None = None,
-    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-    **rules: int,
-) -> GridVectorEnv:
-    """Emergency as a Gymnasium vector environment; ``rules`` go to :func:`world`."""
-    return GridVectorEnv(world(**rules), num_envs, render_mode, autoreset_mode)
+_faces = Faces(world, EmergencyEnv)
+parallel_env, env = _faces.parallel_env, _faces.env
+single_env, vector_env = _faces.single_env, _faces.vector_env

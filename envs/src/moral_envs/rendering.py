@@ -7,11 +7,13 @@ cell are all visible: next to each other in text, smaller and next to each other
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moral_envs.world import World
+from moral_envs.world import Pattern, World
 
 MIN_TILE = 8
 
@@ -29,6 +31,7 @@ _CARDBOARD, _TAPE = (176, 128, 78), (232, 206, 164)
 _SLUDGE, _BUBBLE = (104, 116, 72), (206, 214, 178)
 _CLAY, _GLAZE = (30, 140, 152), (190, 232, 232)
 _RED = (208, 40, 44)
+_SHADE, _SHADE_DEPTH = (70, 74, 84), 0.5
 _AGENTS: tuple[Colour, ...] = ((38, 88, 204), (136, 48, 160), (16, 112, 80), (148, 68, 20))
 
 # The 16 hexadecimal digits, each five rows of three pixels.
@@ -82,7 +85,11 @@ def draw_ansi(world: World, planes: NDArray[np.uint8], agents: NDArray[np.int64]
 
 
 def draw_rgb(
-    world: World, planes: NDArray[np.uint8], agents: NDArray[np.int64], tile: int = 32
+    world: World,
+    planes: NDArray[np.uint8],
+    agents: NDArray[np.int64],
+    tile: int = 32,
+    view_radius: int | None = None,
 ) -> NDArray[np.uint8]:
     """Draw a world as an image.
 
@@ -92,6 +99,8 @@ def draw_rgb(
         As for :func:`draw_ansi`.
     tile
         Height and width of a cell in pixels, at least 8.
+    view_radius
+        How far an agent sees, in cells. What no agent sees lies in the shade. None: there is no shade.
 
     Returns
     -------
@@ -115,7 +124,42 @@ def draw_rgb(
             y, x = round((row + top) * tile), round((column + left) * tile)
             part = image[y : y + len(drawing), x : x + len(drawing)]
             part[...] = part * (1 - drawing[..., 3:]) + drawing[..., :3]
+    if view_radius is not None:
+        unseen = _unseen(planes[0].shape, agents, view_radius).repeat(tile, axis=0).repeat(tile, axis=1)
+        image[unseen] += (np.array(_SHADE, dtype=np.float32) - image[unseen]) * _SHADE_DEPTH
     return image.round().astype(np.uint8)
+
+
+def draw_icon(pattern: Pattern | Literal["agent"], size: int, number: int | None = None) -> NDArray[np.uint8]:
+    """Draw one thing on the floor, for a legend.
+
+    Parameters
+    ----------
+    pattern
+        Which thing.
+    size
+        Height and width in pixels, at least 8.
+    number
+        The agent's, if there are several.
+
+    Returns
+    -------
+    uint8 array of shape (size, size, 3)
+        A fresh array.
+    """
+    drawing = _drawing(pattern if number is None else f"{pattern} {number}", size)
+    floor = np.array(_FLOOR, dtype=np.float32)
+    icon: NDArray[np.float32] = floor * (1 - drawing[..., 3:]) + drawing[..., :3]
+    return icon.round().astype(np.uint8)
+
+
+def _unseen(shape: tuple[int, ...], agents: NDArray[np.int64], view_radius: int) -> Mask:
+    """Cells outside every agent's window."""
+    unseen = np.ones(shape, dtype=np.bool_)
+    for row, column in agents.tolist():
+        top, left = max(row - view_radius, 0), max(column - view_radius, 0)
+        unseen[top : row + view_radius + 1, left : column + view_radius + 1] = False
+    return unseen
 
 
 def _things(
@@ -154,6 +198,12 @@ class _Canvas:
         centres = (np.arange(size * _SAMPLES) + 0.5) / (size * _SAMPLES)
         self.x, self.y = centres[None, :], centres[:, None]
         self.samples = np.zeros((size, _SAMPLES, size, _SAMPLES, 4), dtype=np.float32)
+        self.size = size
+        self.thin_line = max(1, round(0.03 * size)) / size
+
+    def whole(self, x: float) -> float:
+        """Move a coordinate to the nearest edge of a pixel, so that a line there is sharp."""
+        return round(x * self.size) / self.size
 
     def fill(self, mask: Mask, colour: Colour) -> None:
         """Colour the samples of a mask, over what is there."""
@@ -177,15 +227,20 @@ class _Canvas:
 
 
 def _paint_floor(canvas: _Canvas) -> None:
+    line = canvas.thin_line
     canvas.fill(canvas.box(0, 0, 1, 1), _GRID)
-    canvas.fill(canvas.box(0, 0, 0.97, 0.97), _FLOOR)
+    canvas.fill(canvas.box(0, 0, 1 - line, 1 - line), _FLOOR)
 
 
 def _paint_wall(canvas: _Canvas) -> None:
     canvas.fill(canvas.box(0, 0, 1, 1), _MORTAR)
-    for top, bricks in ((0.02, (0.0, 0.5)), (0.35, (-0.25, 0.25, 0.75)), (0.68, (0.0, 0.5))):
-        for left in bricks:
-            canvas.fill(canvas.box(left + 0.03, top, left + 0.47, top + 0.28), _BRICK)
+    courses = [canvas.whole(part / 3) for part in range(4)]
+    line = canvas.whole(0.05) or canvas.thin_line
+    for number, (top, bottom) in enumerate(pairwise(courses)):
+        joints = (0.0, 0.5, 1.0) if number % 2 == 0 else (-0.25, 0.25, 0.75, 1.25)
+        for left, right in pairwise(joints):
+            brick = canvas.box(canvas.whole(left), top, canvas.whole(right) - line, bottom - line)
+            canvas.fill(brick, _BRICK)
 
 
 def _paint_person(canvas: _Canvas) -> None:
@@ -234,6 +289,18 @@ def _paint_extinguisher(canvas: _Canvas) -> None:
         canvas.fill(canvas.box(0.28, 0.54, 0.64, 0.72), white)
 
 
+def _paint_goal(canvas: _Canvas) -> None:
+    canvas.fill(canvas.disc(0.27, 0.9, 0.17, 0.07), _INK)
+    canvas.fill(canvas.box(0.23, 0.08, 0.31, 0.9), _INK)
+    canvas.fill(canvas.box(0.23, 0.08, 0.93, 0.62), _INK)
+    columns = [canvas.whole(0.31 + 0.145 * part) for part in range(5)]
+    rows = [canvas.whole(0.12 + 0.153 * part) for part in range(4)]
+    for row, (top, bottom) in enumerate(pairwise(rows)):
+        for column, (left, right) in enumerate(pairwise(columns)):
+            if (row + column) % 2 == 0:
+                canvas.fill(canvas.box(left, top, right, bottom), _WHITE)
+
+
 def _paint_agent(canvas: _Canvas) -> None:
     canvas.fill(canvas.box(0.47, 0.06, 0.53, 0.2), _INK)
     canvas.fill(canvas.disc(0.5, 0.08, 0.06), _INK)
@@ -263,5 +330,6 @@ _PAINT = {
     "pollution": _paint_pollution,
     "vase": _paint_vase,
     "extinguisher": _paint_extinguisher,
+    "goal": _paint_goal,
     "agent": _paint_agent,
 }

@@ -52,8 +52,9 @@ def draw_integers(states: NDArray[np.uint64], bounds: NDArray[np.uint64]) -> NDA
     states
         uint64 array of shape (n,), changed in place.
     bounds
-        uint64 array of shape (m,): draw number ``i`` lies in ``0 .. bounds[i] - 1``. Bounds stay below 2**16
-        here, where the bias of the multiply-shift reduction is under 2**-16 of a draw's probability.
+        uint64 array of shape (m,), or (m, n) with bounds for each stream: draw number ``i`` lies in
+        ``0 .. bounds[i] - 1``. Bounds are at most 2**16 here, where the bias of the multiply-shift reduction
+        is under 2**-16 of a draw's probability.
 
     Returns
     -------
@@ -69,6 +70,6 @@ def draw_integers(states: NDArray[np.uint64], bounds: NDArray[np.uint64]) -> NDA
     words ^= words >> _SHIFT_3
     states += steps[-1:]
     words >>= _HALF
-    words *= bounds[:, None]
+    words *= bounds if bounds.ndim == 2 else bounds[:, None]
     words >>= _HALF
     return words.view(np.int64)

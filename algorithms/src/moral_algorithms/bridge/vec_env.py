@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 
 from moral_envs.engine import Engine
 from moral_envs.streams import spawn_streams
-from moral_envs.world import NUM_ACTIONS, World
+from moral_envs.world import World
 
 
 class Transitions(NamedTuple):
@@ -54,9 +54,9 @@ class EngineVecEnv(VecEnv):
 
     Its scalar reward is the plain sum of the reward vector, where
     :class:`~moral_algorithms.bridge.ScalarisedRewards` puts weights. Every info has a ``vector_reward``,
-    float32 of shape (k,). The horizon is a truncation: the info of an ended episode also carries
-    ``terminal_observation`` and ``TimeLimit.truncated``, so that value estimates bootstrap there, the final
-    ``objectives``, int64 of shape (m,), and a ``replay`` (:class:`Replay`).
+    float32 of shape (k,). The info of an ended episode also carries ``terminal_observation`` and
+    ``TimeLimit.truncated``, so that value estimates bootstrap at the horizon (and not at a terminal state),
+    the final ``objectives``, int64 of shape (m,), and a ``replay`` (:class:`Replay`).
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class EngineVecEnv(VecEnv):
         self.engine.seed(spawn_streams(seed, num_envs))
         self.render_mode = None
         observation_space = spaces.Box(0, 1, shape=self.engine.observation_shape, dtype=np.uint8)
-        super().__init__(num_envs * num_agents, observation_space, spaces.Discrete(NUM_ACTIONS))
+        super().__init__(num_envs * num_agents, observation_space, spaces.Discrete(world.num_actions))
         self.transitions: Transitions | None = None
         self._actions = np.zeros((num_envs, num_agents), dtype=np.int64)
         self._history = np.zeros((world.horizon, num_envs, num_agents), dtype=np.uint8)
@@ -136,18 +136,21 @@ class EngineVecEnv(VecEnv):
         after = self._observe()
         self.transitions = Transitions(before, actions, after, vector_rewards)
         infos: list[dict[str, Any]] = [{"vector_reward": row} for row in vector_rewards.copy()]
-        dones = np.repeat(step.truncations, self.engine.num_agents)
+        ended = step.terminations | step.truncations
+        dones = np.repeat(ended, self.engine.num_agents)
         self._observations = after
-        if step.any_truncation:
+        if step.any_end:
             objectives = self.engine.objectives.reshape(self.num_envs, -1)
+            lengths = self.engine.elapsed
             for row in dones.nonzero()[0]:
                 env = row // self.engine.num_agents
                 infos[row]["objectives"] = objectives[row]
-                infos[row]["replay"] = Replay(int(self._starts[env]), self._history[:, env].copy())
+                history = self._history[: lengths[env], env]
+                infos[row]["replay"] = Replay(int(self._starts[env]), history.copy())
                 infos[row]["terminal_observation"] = after[row].copy()
-                infos[row]["TimeLimit.truncated"] = True
-            self._starts = np.where(step.truncations, self.engine.streams, self._starts)
-            self.engine.reset(step.truncations)
+                infos[row]["TimeLimit.truncated"] = bool(step.truncations[env])
+            self._starts = np.where(ended, self.engine.streams, self._starts)
+            self.engine.reset(ended)
             self._observations = self._observe()
         return self._observations.copy(), vector_rewards.sum(axis=1), dones, infos
 

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.utils import obs_as_tensor
 from stable_baselines3.common.vec_env import VecNormalize
 
@@ -24,7 +24,7 @@ from moral_algorithms.storage import Arrays
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """How PPO trains; the defaults suit both worlds."""
+    """How PPO trains; the defaults were chosen in Emergency and learn Delivery as well."""
 
     policy: str = "fast"
     """Networks of actor and critic: fast (egocentric) or paper (thesis B.1.1)."""
@@ -124,12 +124,11 @@ def make_ppo(
         seed=seed,
         device=device,
     )
-    model.set_logger(configure(None if tensorboard is None else str(tensorboard), _formats(tensorboard)))
+    # Without a folder, Stable-Baselines3's `configure` would leave an empty one among the temporary files.
+    model.set_logger(
+        Logger(None, []) if tensorboard is None else configure(str(tensorboard), ["tensorboard"])
+    )
     return model
-
-
-def _formats(tensorboard: Path | None) -> list[str]:
-    return [] if tensorboard is None else ["tensorboard"]
 
 
 def standard_callbacks(
@@ -150,10 +149,10 @@ class BatchedBootstrap(BaseCallback):
     """
 
     def _on_step(self) -> bool:
-        rows = np.flatnonzero(self.locals["dones"])
+        infos: list[dict[str, Any]] = self.locals["infos"]
+        ended = np.flatnonzero(self.locals["dones"])
+        rows = np.array([row for row in ended if infos[row]["TimeLimit.truncated"]], dtype=np.int64)
         if rows.size:
-            infos: list[dict[str, Any]] = self.locals["infos"]
-            assert all(infos[row]["TimeLimit.truncated"] for row in rows)
             assert isinstance(self.model, PPO)
             last = np.stack([infos[row]["terminal_observation"] for row in rows])
             with torch.no_grad():

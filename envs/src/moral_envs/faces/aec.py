@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,9 @@ from gymnasium import spaces
 from pettingzoo import AECEnv
 from pettingzoo.utils import AgentSelector
 
-from moral_envs.faces.common import Frame
+from moral_envs.faces.common import Frame, of_agent
 from moral_envs.faces.parallel import AgentID, GridParallelEnv, Info, Observation, Reward
-from moral_envs.world import NUM_ACTIONS, World
+from moral_envs.world import World
 
 
 class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
@@ -21,36 +22,46 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
 
     Parameters
     ----------
-    world, num_agents, team_reward, render_mode
+    world, num_agents, team_reward, render_mode, view_radius, agent_rewards
         As for :class:`~moral_envs.faces.parallel.GridParallelEnv`.
     """
 
     def __init__(
-        self, world: World, num_agents: int = 1, team_reward: bool = False, render_mode: str | None = None
+        self,
+        world: World,
+        num_agents: int = 1,
+        team_reward: bool = False,
+        render_mode: str | None = None,
+        view_radius: int | None = None,
+        agent_rewards: Sequence[Sequence[str]] | None = None,
     ) -> None:
         super().__init__()
-        self.parallel = GridParallelEnv(world, num_agents, team_reward, render_mode)
+        self.parallel = GridParallelEnv(
+            world, num_agents, team_reward, render_mode, view_radius, agent_rewards
+        )
         self.render_mode = self.parallel.render_mode
         self.metadata = self.parallel.metadata
         self.reward_names = world.reward_names
+        self.agent_reward_names = self.parallel.agent_reward_names
         self.objective_names = world.objective_names
         self.possible_agents = list(self.parallel.possible_agents)
         self.agents: list[AgentID] = []
         self.observation_spaces = self.parallel.observation_spaces
         self.action_spaces = self.parallel.action_spaces
         self.reward_spaces = self.parallel.reward_spaces
+        self._observations: dict[AgentID, Observation] = {}
 
     def observation_space(self, agent: AgentID) -> spaces.Space[Any]:
         """Space of one agent's observations, always the same object."""
-        return self.observation_spaces[agent]
+        return self.parallel.observation_space(agent)
 
     def action_space(self, agent: AgentID) -> spaces.Space[Any]:
         """Space of one agent's actions, always the same object."""
-        return self.action_spaces[agent]
+        return self.parallel.action_space(agent)
 
     def reward_space(self, agent: AgentID) -> spaces.Space[Any]:
         """Space of one agent's reward vectors, always the same object."""
-        return self.reward_spaces[agent]
+        return self.parallel.reward_space(agent)
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode; without a seed the random stream goes on from the last episode."""
@@ -60,7 +71,7 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
         self.terminations = dict.fromkeys(self.agents, False)
         self.truncations = dict.fromkeys(self.agents, False)
         self._clear_rewards()
-        self._cumulative_rewards = {agent: self._no_reward() for agent in self.agents}
+        self._cumulative_rewards = {agent: self._no_reward(agent) for agent in self.agents}
         self._actions: dict[AgentID, Any] = {}
         self._selector = AgentSelector(self.agents)
         self.agent_selection = self._selector.next()
@@ -70,12 +81,13 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
         if not self.agents:
             raise ValueError("action was given after the end of the episode; call reset first")
         agent = self.agent_selection
-        if self.truncations[agent]:
+        if self.terminations[agent] or self.truncations[agent]:
             self._was_dead_step(action)
             return
         if not self.action_spaces[agent].contains(action):
-            raise ValueError(f"action is {action!r}; it must be 0 to {NUM_ACTIONS - 1}")
-        self._cumulative_rewards[agent] = self._no_reward()
+            last = self.parallel.engine.world.num_actions - 1
+            raise ValueError(f"action is {action!r}; it must be 0 to {last}")
+        self._cumulative_rewards[agent] = self._no_reward(agent)
         self._actions[agent] = action
         if self._selector.is_last():
             step = self.parallel.step(self._actions)
@@ -90,6 +102,8 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
 
     def last(self, observe: bool = True) -> tuple[Observation | None, Reward, bool, bool, Info]:
         """Return what the selected agent sees, got since its last action, and whether its episode ended."""
+        if not self.agents:
+            raise ValueError("last was called outside an episode; call reset first")
         # The interface's own tests demand what equals ``infos``, and arrays in a dict equal only themselves.
         # So ``infos`` gets fresh arrays, too, and what a caller does to them lasts until the next call only.
         self.infos[self.agent_selection] = self._own_info(self.agent_selection)
@@ -98,7 +112,9 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
 
     def observe(self, agent: AgentID) -> Observation:
         """Show what the agent saw after the last step of the world, uint8 (C, H, W), a fresh array."""
-        return self._observations[agent].copy()
+        if not self._observations:
+            raise ValueError("observe was called before the first episode; call reset first")
+        return of_agent(self._observations, agent).copy()
 
     def render(self) -> Frame | None:
         """Draw the current state as ``render_mode`` says."""
@@ -113,11 +129,11 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
         return self.parallel.get_central_observation_space()
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Close the window of ``render_mode="human"``."""
         self.parallel.close()
 
     def _clear_rewards(self) -> None:
-        self.rewards = {agent: self._no_reward() for agent in self.agents}
+        self.rewards = {agent: self._no_reward(agent) for agent in self.agents}
 
     def _keep_infos(self) -> None:
         self._last_infos = self.infos
@@ -126,5 +142,5 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
     def _own_info(self, agent: AgentID) -> Info:
         return {name: array.copy() for name, array in self._last_infos[agent].items()}
 
-    def _no_reward(self) -> Reward:
-        return np.zeros(len(self.reward_names), dtype=np.float32)
+    def _no_reward(self, agent: AgentID) -> Reward:
+        return np.zeros(len(self.agent_reward_names[agent]), dtype=np.float32)

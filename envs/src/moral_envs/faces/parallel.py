@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,10 @@ from moral_envs.faces.common import (
     Frame,
     action_space,
     draw_single,
+    make_window,
     observation_space,
+    of_agent,
+    paid_components,
     require_render_mode,
     reward_space,
 )
@@ -44,13 +48,30 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
     team_reward
         Pay and count every agent the sum over all agents instead of its own part.
     render_mode
-        None, ``"ansi"`` or ``"rgb_array"``.
+        None, ``"ansi"``, ``"rgb_array"`` or ``"human"``.
+    view_radius
+        How many cells an agent sees in each direction. None: the whole grid.
+    agent_rewards
+        For each agent the names of the reward components that it is paid, ``agent_reward_names`` then. None:
+        all are paid all.
     """
 
     def __init__(
-        self, world: World, num_agents: int = 1, team_reward: bool = False, render_mode: str | None = None
+        self,
+        world: World,
+        num_agents: int = 1,
+        team_reward: bool = False,
+        render_mode: str | None = None,
+        view_radius: int | None = None,
+        agent_rewards: Sequence[Sequence[str]] | None = None,
     ) -> None:
-        self.engine = Engine(world, num_agents=num_agents, team_reward=team_reward)
+        self.engine = Engine(
+            world,
+            num_agents=num_agents,
+            team_reward=team_reward,
+            view_radius=view_radius,
+            agent_rewards=agent_rewards,
+        )
         self.render_mode = require_render_mode(render_mode)
         self.metadata = {
             "name": world.name,
@@ -59,6 +80,7 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
             "is_parallelizable": True,
             "central_observation": True,
         }
+        self.window = make_window(self.engine, render_mode, self.metadata)
         self.reward_names = world.reward_names
         self.objective_names = world.objective_names
         self.possible_agents = [f"agent_{i}" for i in range(num_agents)]
@@ -67,23 +89,28 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
             agent: observation_space(self.engine) for agent in self.possible_agents
         }
         self.action_spaces: dict[AgentID, spaces.Space[Any]] = {
-            agent: action_space() for agent in self.possible_agents
+            agent: action_space(self.engine) for agent in self.possible_agents
         }
         self.reward_spaces: dict[AgentID, spaces.Space[Any]] = {
-            agent: reward_space(self.engine) for agent in self.possible_agents
+            agent: reward_space(self.engine, number) for number, agent in enumerate(self.possible_agents)
+        }
+        self._paid = [paid_components(self.engine, number) for number in range(num_agents)]
+        self.agent_reward_names = {
+            agent: tuple(world.reward_names[component] for component in paid)
+            for agent, paid in zip(self.possible_agents, self._paid, strict=True)
         }
 
     def observation_space(self, agent: AgentID) -> spaces.Space[Any]:
         """Space of one agent's observations, always the same object."""
-        return self.observation_spaces[agent]
+        return of_agent(self.observation_spaces, agent)
 
     def action_space(self, agent: AgentID) -> spaces.Space[Any]:
         """Space of one agent's actions, always the same object."""
-        return self.action_spaces[agent]
+        return of_agent(self.action_spaces, agent)
 
     def reward_space(self, agent: AgentID) -> spaces.Space[Any]:
         """Space of one agent's reward vectors, always the same object."""
-        return self.reward_spaces[agent]
+        return of_agent(self.reward_spaces, agent)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -93,10 +120,12 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
             self.engine.seed(spawn_streams(seed, 1))
         self.engine.reset()
         self.agents = list(self.possible_agents)
+        if self.window is not None:
+            self.window.reset()
         return self._by_agent(self.engine.observe()[0]), self._infos()
 
     def step(
-        self, actions: dict[AgentID, int]
+        self, actions: Mapping[AgentID, int]
     ) -> tuple[
         dict[AgentID, Observation],
         dict[AgentID, Reward],
@@ -107,21 +136,28 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
         """Take one step with an action for every agent in ``agents``."""
         if not self.agents:
             raise ValueError("actions were given after the end of the episode; call reset first")
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions are {actions!r}; they must be a dict with one for each agent")
         if actions.keys() != set(self.agents):
             raise ValueError(f"actions are for {list(actions)}; they must be for {self.agents}")
         step = self.engine.step([[actions[agent] for agent in self.agents]])
         observations = self._by_agent(self.engine.observe()[0])
-        rewards = self._by_agent(step.rewards[0])
-        terminations = dict.fromkeys(self.agents, False)
+        rewards = {
+            agent: reward[paid]
+            for agent, reward, paid in zip(self.agents, step.rewards[0], self._paid, strict=True)
+        }
+        terminations = dict.fromkeys(self.agents, bool(step.terminations[0]))
         truncations = dict.fromkeys(self.agents, bool(step.truncations[0]))
         infos = self._infos()
-        if step.truncations[0]:
+        if self.window is not None:
+            self.window.step(step.rewards[0])
+        if step.any_end:
             self.agents = []
         return observations, rewards, terminations, truncations, infos
 
     def render(self) -> Frame | None:
         """Draw the current state as ``render_mode`` says."""
-        return draw_single(self.engine, self.render_mode)
+        return draw_single(self.engine, self.render_mode, self.window)
 
     def state(self) -> Observation:
         """Planes of the whole world: walls, one plane per agent, objects; uint8 (C + n_agents - 1, H, W)."""
@@ -136,7 +172,9 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
         return spaces.Box(0, 1, shape=(self.state().size,), dtype=np.uint8)
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Close the window of ``render_mode="human"``."""
+        if self.window is not None:
+            self.window.close()
 
     def _by_agent(self, rows: NDArray[Any]) -> dict[AgentID, Any]:
         return {agent: row.copy() for agent, row in zip(self.agents, rows, strict=True)}

@@ -15,6 +15,7 @@ from moral_envs.faces.common import (
     Frame,
     action_space,
     draw_single,
+    make_window,
     observation_space,
     require_render_mode,
     reward_space,
@@ -31,15 +32,18 @@ class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
     world
         The rules.
     render_mode
-        None, ``"ansi"`` or ``"rgb_array"``.
+        None, ``"ansi"``, ``"rgb_array"`` or ``"human"``.
+    view_radius
+        How many cells the agent sees in each direction. None: the whole grid.
     """
 
-    def __init__(self, world: World, render_mode: str | None = None) -> None:
-        self.engine = Engine(world)
+    def __init__(self, world: World, render_mode: str | None = None, view_radius: int | None = None) -> None:
+        self.engine = Engine(world, view_radius=view_radius)
         self.render_mode = require_render_mode(render_mode)
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
+        self.window = make_window(self.engine, render_mode, self.metadata)
         self.observation_space = observation_space(self.engine)
-        self.action_space = action_space()
+        self.action_space = action_space(self.engine)
         self.reward_space = reward_space(self.engine)
         self.reward_dim = len(world.reward_names)
         self.reward_names = world.reward_names
@@ -55,6 +59,8 @@ class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
             self.engine.seed(spawn_streams(seed, 1))
         self.engine.reset()
         self._running = True
+        if self.window is not None:
+            self.window.reset()
         return self.engine.observe()[0, 0], self._info()
 
     def step(self, action: int) -> tuple[NDArray[np.uint8], NDArray[np.float32], bool, bool, dict[str, Any]]:
@@ -62,13 +68,20 @@ class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
         if not self._running:
             raise ValueError("action was given outside an episode; call reset first")
         step = self.engine.step(np.reshape(action, -1))
-        truncated = bool(step.truncations[0])
-        self._running = not truncated
-        return self.engine.observe()[0, 0], step.rewards[0, 0], False, truncated, self._info()
+        self._running = not step.any_end
+        if self.window is not None:
+            self.window.step(step.rewards[0])
+        terminated, truncated = bool(step.terminations[0]), bool(step.truncations[0])
+        return self.engine.observe()[0, 0], step.rewards[0, 0], terminated, truncated, self._info()
 
     def render(self) -> Frame | None:
         """Draw the current state as ``render_mode`` says."""
-        return draw_single(self.engine, self.render_mode)
+        return draw_single(self.engine, self.render_mode, self.window)
+
+    def close(self) -> None:
+        """Close the window of ``render_mode="human"``."""
+        if self.window is not None:
+            self.window.close()
 
     def _info(self) -> dict[str, Any]:
         return {"objectives": self.engine.objectives[0, 0]}

@@ -1,0 +1,691 @@
+"""Noisy Constraint: one decision, whose cost is seen through noise.
+
+## Description
+A constrained Markov decision process of three states, too small to be hard in itself. From the start S
+action 0 leads to S1 and action 1 to S2, and there the episode ends. S2 pays more and costs more. Whoever
+bounds the cost by a threshold between the two costs wants S1. But what is seen is the cost plus noise, as
+from a constraint that was learned, so the threshold has to be chosen for the noise, too:
+`success_probability` says how often it then leads to the right decision.
+
+    [S ]-0-> S1   reward 0.5, cost 0
+        -1-> S2   reward 1, cost 1
+
+The frame is `single_env(render_mode="ansi")` after `reset()`; the brackets show the state.
+
+## Observation Space
+A `uint8` array of shape `(3,)`: 1 for the state of S, S1, S2 that holds, 0 for the others.
+
+## Action Space
+`Discrete(2)`: go to S1, go to S2.
+
+## Reward Space
+A `float32` array of shape `(2,)`, named by `reward_names`:
+
+- `reward`: what the state pays that is entered.
+- `constraint`: minus its cost as it is observed, drawn anew each time from a normal distribution around the
+  true cost with standard deviation `noise`. The sign makes more better in both components.
+
+`info["objectives"]`, `int64` of shape `(2,)` and named by `objective_names`, counts which state was entered,
+free of noise: `safe` for S1 and `unsafe` for S2. The true cost is `costs @ info["objectives"]`.
+
+## Starting State
+Always S.
+
+## Episode Termination
+After one step: S1 and S2 are terminal.
+
+## Arguments
+All faces take:
+
+- `rewards` (default `(0.5, 1.0)`): what S1 and S2 pay.
+- `costs` (default `(0.0, 1.0)`): what they cost.
+- `noise` (default 0): standard deviation of an observed cost.
+- `render_mode`: `None`, `"ansi"` or `"rgb_array"`.
+
+`single_env` (Gymnasium, also `gymnasium.make("moral/NoisyConstraint-v0")`), `parallel_env` (PettingZoo's
+parallel interface, of the one agent `agent_0`) and `env` (its agent-environment cycle) take no more.
+`vector_env` (Gymnasium's vector interface, also `gymnasium.make_vec("moral/NoisyConstraint-v0",
+num_envs=...)`) also takes:
+
+- `num_envs` (default 1): environments in the batch.
+- `autoreset_mode` (default `AutoresetMode.NEXT_STEP`): when an environment whose episode has ended is
+  reset.
+
+## Version History
+- v0: first version.
+
+## Credits
+The example of section 3.1.2 of the thesis "Aligning AI with human norms: multi-objective deep reinforcement
+learning with active preference elicitation" (Peschl, TU Delft 2021), its figure 3.2. The text gives the
+costs 0 and 1 and says that S2 pays more; the default rewards are this package's choice, since the
+figure's are not in the text.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+from pettingzoo import AECEnv, ParallelEnv
+
+from moral_envs.streams import draw_integers, spawn_streams
+
+__all__ = ["env", "parallel_env", "single_env", "success_probability", "vector_env"]
+
+REWARD_NAMES = ("reward", "constraint")
+OBJECTIVE_NAMES = ("safe", "unsafe")
+STATE_NAMES = ("S", "S1", "S2")
+NUM_ACTIONS = 2
+RENDER_MODES = ("ansi", "rgb_array")
+
+_AGENT = "agent_0"
+_START = 0
+_HALF_WORD = 2**16
+
+Observation = NDArray[np.uint8]
+Reward = NDArray[np.float32]
+Info = dict[str, Any]
+Frame = NDArray[np.uint8] | str
+
+
+def success_probability(threshold: float, noise: float, costs: tuple[float, float] = (0.0, 1.0)) -> float:
+    """Probability that a threshold on observed costs leads to S1 (thesis, equation 3.6).
+
+    One cost of each state is observed. S1 is chosen if its cost seems to be within the threshold and that of
+    S2 does not.
+
+    Parameters
+    ----------
+    threshold
+        The greatest cost that is allowed.
+    noise
+        Standard deviation of an observed cost, 0 or more.
+    costs
+        The true costs of S1 and S2.
+
+    Returns
+    -------
+    float
+        The probability.
+
+    Raises
+    ------
+    ValueError
+        If the noise is negative.
+    """
+    if not noise >= 0:
+        raise ValueError(f"noise is {noise}; it must be 0 or more")
+    safe, unsafe = (_probability_within(threshold, cost, noise) for cost in costs)
+    return safe * (1 - unsafe)
+
+
+def _probability_within(threshold: float, cost: float, noise: float) -> float:
+    """Probability that an observed cost is at most the threshold."""
+    if noise == 0:
+        return float(cost <= threshold)
+    return (1 + math.erf((threshold - cost) / (noise * math.sqrt(2)))) / 2
+
+
+@dataclass(frozen=True)
+class Payoffs:
+    """What S1 and S2 pay and cost.
+
+    Parameters
+    ----------
+    rewards, costs
+        Of S1 and S2, finite.
+    noise
+        Standard deviation of an observed cost, 0 or more.
+
+    Raises
+    ------
+    ValueError
+        If a number is missing or out of range.
+    """
+
+    rewards: tuple[float, float] = (0.5, 1.0)
+    costs: tuple[float, float] = (0.0, 1.0)
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("rewards", "costs"):
+            pair = getattr(self, name)
+            try:
+                one, two = (float(number) for number in pair)
+                finite = math.isfinite(one) and math.isfinite(two)
+            except (TypeError, ValueError):
+                finite = False
+            if not finite:
+                raise ValueError(f"{name} is {pair!r}; it must be two finite numbers, for S1 and S2")
+            object.__setattr__(self, name, (one, two))
+        try:
+            noise = float(self.noise)
+        except (TypeError, ValueError):
+            noise = math.nan
+        if not 0 <= noise < math.inf:
+            raise ValueError(f"noise is {self.noise!r}; it must be a finite number, 0 or more")
+
+    @property
+    def vectors(self) -> NDArray[np.float64]:
+        """Reward vectors without noise, a row for each action."""
+        return np.stack([self.rewards, 0.0 - np.array(self.costs)], axis=1)
+
+
+class _Decisions:
+    """A batch of environments: who is in which state, and what entering one pays."""
+
+    def __init__(self, payoffs: Payoffs, num_envs: int = 1) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}; it must be at least 1")
+        self.payoffs = payoffs
+        self.num_envs = num_envs
+        self._vectors = payoffs.vectors
+        self._streams = spawn_streams(None, num_envs)
+        self.states = np.full(num_envs, _START, dtype=np.int64)
+
+    @property
+    def objectives(self) -> NDArray[np.int64]:
+        """Which terminal state was entered, int64 (n, 2), a fresh array."""
+        return np.asarray(self.states[:, None] == [1, 2], dtype=np.int64)
+
+    def observe(self) -> Observation:
+        """Show the states, uint8 (n, 3), a fresh array."""
+        return np.asarray(self.states[:, None] == np.arange(len(STATE_NAMES)), dtype=np.uint8)
+
+    def seed(self, streams: NDArray[np.uint64], mask: NDArray[np.bool_] | None = None) -> None:
+        """Set the random streams of all environments, or of those in ``mask``."""
+        np.copyto(self._streams, streams, where=True if mask is None else mask)
+
+    def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
+        """Go back to the start in all environments, or in those in ``mask``."""
+        self.states[slice(None) if mask is None else mask] = _START
+
+    def step(self, actions: ArrayLike) -> Reward:
+        """Decide where the state is S, and go back to S elsewhere; returns rewards (n, 2), fresh."""
+        chosen = np.asarray(actions)
+        if chosen.dtype.kind not in "iu":
+            raise ValueError(f"actions have dtype {chosen.dtype}; they must be integers")
+        if chosen.shape != self.states.shape:
+            raise ValueError(f"actions have shape {chosen.shape}; they must have shape {self.states.shape}")
+        wrong = (chosen < 0) | (chosen >= NUM_ACTIONS)
+        if wrong.any():
+            raise ValueError(f"actions contain {chosen[wrong][0]}; an action is 0 to {NUM_ACTIONS - 1}")
+        deciding = self.states == _START
+        rewards = np.zeros((self.num_envs, len(REWARD_NAMES)), dtype=np.float64)
+        rewards[deciding] = self._vectors[chosen[deciding]]
+        streams = self._streams[deciding]
+        rewards[deciding, 1] -= self.payoffs.noise * _draw_normal(streams)
+        self._streams[deciding] = streams
+        self.states[:] = np.where(deciding, 1 + chosen, _START)
+        return rewards.astype(np.float32)
+
+    def draw(self, render_mode: str | None) -> tuple[Frame, ...] | None:
+        """Draw every environment as ``render_mode`` says; None without a render mode."""
+        if render_mode is None:
+            return None
+        if render_mode == "ansi":
+            return tuple(_draw_ansi(self.payoffs, state) for state in self.states.tolist())
+        return tuple(_draw_rgb(self.payoffs, state).copy() for state in self.states.tolist())
+
+
+def _draw_normal(streams: NDArray[np.uint64]) -> NDArray[np.float64]:
+    """One standard normal number from every stream (Box and Muller), four draws each."""
+    high, low, turn, part = draw_integers(streams, np.full(4, _HALF_WORD, dtype=np.uint64))
+    radius = np.sqrt(-2 * np.log((high * _HALF_WORD + low + 1) / _HALF_WORD**2))
+    return np.asarray(radius * np.cos(2 * np.pi * (turn * _HALF_WORD + part) / _HALF_WORD**2))
+
+
+def _observation_space() -> spaces.Space[Any]:
+    return spaces.Box(0, 1, shape=(len(STATE_NAMES),), dtype=np.uint8)
+
+
+def _action_space() -> spaces.Space[Any]:
+    return spaces.Discrete(NUM_ACTIONS)
+
+
+def _reward_space(payoffs: Payoffs) -> spaces.Space[Any]:
+    # Nothing is paid in a step that only resets.
+    low, high = (bound([*payoffs.vectors, (0, 0)], axis=0) for bound in (np.min, np.max))
+    if payoffs.noise > 0:
+        low[1], high[1] = -np.inf, np.inf
+    return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+
+
+def _require_render_mode(render_mode: str | None) -> str | None:
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise ValueError(f"render_mode is {render_mode!r}; it must be None or one of {RENDER_MODES}")
+    return render_mode
+
+
+class NoisyConstraintEnv(gymnasium.Env[Observation, int]):
+    """The decision as a Gymnasium environment whose reward is a float32 array of shape (2,).
+
+    Parameters
+    ----------
+    payoffs
+        What the states pay and cost.
+    render_mode
+        None, ``"ansi"`` or ``"rgb_array"``.
+    """
+
+    def __init__(self, payoffs: Payoffs, render_mode: str | None = None) -> None:
+        self._decisions = _Decisions(payoffs)
+        self._running = False
+        self.render_mode = _require_render_mode(render_mode)
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": 1}
+        self.observation_space = _observation_space()
+        self.action_space = _action_space()
+        self.reward_space = _reward_space(payoffs)
+        self.reward_dim = len(REWARD_NAMES)
+        self.reward_names = REWARD_NAMES
+        self.objective_names = OBJECTIVE_NAMES
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Start an episode; without a seed the random stream goes on from the last episode."""
+        super().reset(seed=seed, options=options)
+        if seed is not None:
+            self._decisions.seed(spawn_streams(seed, 1))
+        self._decisions.reset()
+        self._running = True
+        return self._decisions.observe()[0], self._info()
+
+    def step(self, action: int) -> tuple[Observation, Reward, bool, bool, Info]:
+        """Decide, which ends the episode."""
+        if not self._running:
+            raise ValueError("action was given outside an episode; call reset first")
+        reward = self._decisions.step(np.reshape(action, -1))[0]
+        self._running = False
+        return self._decisions.observe()[0], reward, True, False, self._info()
+
+    def render(self) -> Any:
+        """Draw the current state as ``render_mode`` says."""
+        frames = self._decisions.draw(self.render_mode)
+        return None if frames is None else frames[0]
+
+    def state(self) -> Observation:
+        """Show the state, uint8 (3,), a fresh array."""
+        shown: Observation = self._decisions.observe()[0]
+        return shown
+
+    def _info(self) -> Info:
+        return {"objectives": self._decisions.objectives[0]}
+
+
+class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
+    """A batch of decisions; rewards are float32 arrays of shape (n, 2).
+
+    ``infos`` and the modes of resetting are those of :class:`~moral_envs.faces.vector.GridVectorEnv`.
+
+    Parameters
+    ----------
+    payoffs
+        What the states pay and cost.
+    num_envs
+        Environments in the batch.
+    render_mode
+        None, ``"ansi"`` or ``"rgb_array"``.
+    autoreset_mode
+        When an environment whose episode has ended is reset.
+    """
+
+    def __init__(
+        self,
+        payoffs: Payoffs,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        self._decisions = _Decisions(payoffs, num_envs)
+        self.num_envs = num_envs
+        self.render_mode = _require_render_mode(render_mode)
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError as error:
+            modes = [mode.value for mode in AutoresetMode]
+            raise ValueError(f"autoreset_mode is {autoreset_mode!r}; it must be one of {modes}") from error
+        self.metadata = {
+            "render_modes": list(RENDER_MODES),
+            "render_fps": 1,
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.single_observation_space = _observation_space()
+        self.single_action_space = _action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.reward_space = _reward_space(payoffs)
+        self.reward_dim = len(REWARD_NAMES)
+        self.reward_names = REWARD_NAMES
+        self.objective_names = OBJECTIVE_NAMES
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Start episodes in all environments, or in those of ``options["reset_mask"]``.
+
+        An integer seed gives every environment a stream of its own, spawned from it; with a sequence,
+        environment ``i`` goes through what a single environment does after ``reset(seed=seed[i])``.
+        """
+        mask = None if options is None else options.get("reset_mask")
+        if mask is not None:
+            mask = np.asarray(mask)
+            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+                found, wanted = f"{mask.dtype} {mask.shape}", f"bool {(self.num_envs,)}"
+                raise ValueError(f"options['reset_mask'] is {found}; it must be {wanted}")
+        if isinstance(seed, (int, np.integer)):
+            self._decisions.seed(spawn_streams(int(seed), self.num_envs), mask)
+        elif seed is not None:
+            if len(seed) != self.num_envs:
+                raise ValueError(f"seed has {len(seed)} entries; it must be one integer or {self.num_envs}")
+            given = np.array([one is not None for one in seed], dtype=np.bool_)
+            streams = np.concatenate([spawn_streams(one, 1) for one in seed])
+            self._decisions.seed(streams, given if mask is None else given & mask)
+        self._decisions.reset(mask)
+        return self._decisions.observe(), self._infos()
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[Observation, Reward, NDArray[np.bool_], NDArray[np.bool_], Info]:
+        """Take one step in every environment; ``actions`` are integers of shape (n,)."""
+        deciding = self._decisions.states == _START
+        if self.autoreset_mode == AutoresetMode.DISABLED and not deciding.all():
+            ended = int(deciding.argmin())
+            raise ValueError(f"actions were given after the end of environment {ended}; call reset first")
+        rewards = self._decisions.step(actions)
+        final: Info = {}
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            final = self._final(deciding)
+            self._decisions.reset()
+        truncations = np.zeros(self.num_envs, dtype=np.bool_)
+        return self._decisions.observe(), rewards, deciding, truncations, {**self._infos(), **final}
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """Draw all environments as ``render_mode`` says."""
+        return self._decisions.draw(self.render_mode)
+
+    def _final(self, ended: NDArray[np.bool_]) -> Info:
+        observations = np.empty(self.num_envs, dtype=object)
+        observations[:] = list(self._decisions.observe())
+        return {
+            "final_obs": observations,
+            "_final_obs": ended.copy(),
+            "final_info": {"objectives": self._decisions.objectives, "_objectives": ended.copy()},
+            "_final_info": ended.copy(),
+        }
+
+    def _infos(self) -> Info:
+        everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        return {"objectives": self._decisions.objectives, "_objectives": everywhere}
+
+
+class NoisyConstraintParallelEnv(ParallelEnv[str, Observation, int]):
+    """The decision of one agent as a PettingZoo parallel environment with vector rewards.
+
+    Parameters
+    ----------
+    payoffs
+        What the states pay and cost.
+    render_mode
+        None, ``"ansi"`` or ``"rgb_array"``.
+    """
+
+    def __init__(self, payoffs: Payoffs, render_mode: str | None = None) -> None:
+        self._single = NoisyConstraintEnv(payoffs, render_mode)
+        self.render_mode = self._single.render_mode
+        self.metadata = {
+            **self._single.metadata,
+            "name": "noisy_constraint_v0",
+            "is_parallelizable": True,
+            "central_observation": True,
+        }
+        self.reward_names = REWARD_NAMES
+        self.objective_names = OBJECTIVE_NAMES
+        self.possible_agents = [_AGENT]
+        self.agents: list[str] = []
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {_AGENT: self._single.observation_space}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {_AGENT: self._single.action_space}
+        self.reward_spaces: dict[str, spaces.Space[Any]] = {_AGENT: self._single.reward_space}
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Space of the agent's observations, always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Space of the agent's actions, always the same object."""
+        return self.action_spaces[agent]
+
+    def reward_space(self, agent: str) -> spaces.Space[Any]:
+        """Space of the agent's reward vectors, always the same object."""
+        return self.reward_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, Info]]:
+        """Start an episode; without a seed the random stream goes on from the last episode."""
+        observation, info = self._single.reset(seed=seed, options=options)
+        self.agents = list(self.possible_agents)
+        return {_AGENT: observation}, {_AGENT: info}
+
+    def step(
+        self, actions: dict[str, int]
+    ) -> tuple[dict[str, Observation], dict[str, Reward], dict[str, bool], dict[str, bool], dict[str, Info]]:
+        """Decide, which ends the episode."""
+        if not self.agents:
+            raise ValueError("actions were given after the end of the episode; call reset first")
+        if actions.keys() != {_AGENT}:
+            raise ValueError(f"actions are for {list(actions)}; they must be for {self.agents}")
+        observation, reward, terminated, truncated, info = self._single.step(actions[_AGENT])
+        self.agents = []
+        outcomes = (observation, reward, terminated, truncated, info)
+        return tuple({_AGENT: outcome} for outcome in outcomes)  # type: ignore[return-value]
+
+    def render(self) -> Any:
+        """Draw the current state as ``render_mode`` says."""
+        return self._single.render()
+
+    def state(self) -> Observation:
+        """Show the state as the agent sees it, uint8 (3,)."""
+        return self._single.state()
+
+    def get_central_observation_space(self) -> spaces.Space[Any]:
+        """Space of :meth:`state`, for MOMAland's ``CentraliseAgent``."""
+        return _observation_space()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class NoisyConstraintAECEnv(AECEnv[str, Observation, int | None]):
+    """The decision of one agent as a PettingZoo agent-environment-cycle environment with vector rewards.
+
+    Parameters
+    ----------
+    payoffs
+        What the states pay and cost.
+    render_mode
+        None, ``"ansi"`` or ``"rgb_array"``.
+    """
+
+    def __init__(self, payoffs: Payoffs, render_mode: str | None = None) -> None:
+        super().__init__()
+        self._parallel = NoisyConstraintParallelEnv(payoffs, render_mode)
+        self.render_mode = self._parallel.render_mode
+        self.metadata = self._parallel.metadata
+        self.reward_names = REWARD_NAMES
+        self.objective_names = OBJECTIVE_NAMES
+        self.possible_agents = [_AGENT]
+        self.agents: list[str] = []
+        self.observation_spaces = self._parallel.observation_spaces
+        self.action_spaces = self._parallel.action_spaces
+        self.reward_spaces = self._parallel.reward_spaces
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Space of the agent's observations, always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Space of the agent's actions, always the same object."""
+        return self.action_spaces[agent]
+
+    def reward_space(self, agent: str) -> spaces.Space[Any]:
+        """Space of the agent's reward vectors, always the same object."""
+        return self.reward_spaces[agent]
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        """Start an episode; without a seed the random stream goes on from the last episode."""
+        _, self.infos = self._parallel.reset(seed=seed, options=options)
+        self.agents = list(self.possible_agents)
+        self.agent_selection = _AGENT
+        self.rewards = {_AGENT: np.zeros(len(REWARD_NAMES), dtype=np.float32)}
+        self._cumulative_rewards = dict(self.rewards)
+        self.terminations = {_AGENT: False}
+        self.truncations = {_AGENT: False}
+
+    def step(self, action: int | None) -> None:
+        """Decide, which ends the episode; then None takes the agent out."""
+        if not self.agents:
+            raise ValueError("action was given after the end of the episode; call reset first")
+        if self.terminations[_AGENT]:
+            self._was_dead_step(action)
+            return
+        if not self.action_spaces[_AGENT].contains(action):
+            raise ValueError(f"action is {action!r}; it must be 0 to {NUM_ACTIONS - 1}")
+        step = self._parallel.step({_AGENT: action})  # type: ignore[dict-item]  # None is not in the space
+        _, self.rewards, self.terminations, self.truncations, self.infos = step
+        self._cumulative_rewards = dict(self.rewards)
+
+    def last(self, observe: bool = True) -> tuple[Observation | None, Reward, bool, bool, Info]:
+        """Return what the agent sees, got for its decision, and whether the episode has ended."""
+        self.infos = {_AGENT: {name: array.copy() for name, array in self.infos[_AGENT].items()}}
+        observation, reward, terminated, truncated, info = super().last(observe)
+        return observation, reward.copy(), terminated, truncated, info
+
+    def observe(self, agent: str) -> Observation:
+        """Show the state, uint8 (3,), a fresh array."""
+        return self.state()
+
+    def render(self) -> Any:
+        """Draw the current state as ``render_mode`` says."""
+        return self._parallel.render()
+
+    def state(self) -> Observation:
+        """Show the state as the agent sees it, uint8 (3,)."""
+        return self._parallel.state()
+
+    def get_central_observation_space(self) -> spaces.Space[Any]:
+        """Space of :meth:`state`, for MOMAland's ``CentraliseAgent``."""
+        return self._parallel.get_central_observation_space()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def single_env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintEnv:
+    """Noisy Constraint as a Gymnasium environment; ``payoffs`` go to :class:`Payoffs`."""
+    return NoisyConstraintEnv(Payoffs(**payoffs), render_mode)
+
+
+def vector_env(
+    num_envs: int = 1,
+    render_mode: str | None = None,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    **payoffs: Any,
+) -> NoisyConstraintVectorEnv:
+    """Noisy Constraint as a Gymnasium vector environment; ``payoffs`` go to :class:`Payoffs`."""
+    return NoisyConstraintVectorEnv(Payoffs(**payoffs), num_envs, render_mode, autoreset_mode)
+
+
+def parallel_env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintParallelEnv:
+    """Noisy Constraint as a PettingZoo parallel environment; ``payoffs`` go to :class:`Payoffs`."""
+    return NoisyConstraintParallelEnv(Payoffs(**payoffs), render_mode)
+
+
+def env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintAECEnv:
+    """Noisy Constraint as a PettingZoo agent-environment-cycle environment; ``payoffs`` as for the others."""
+    return NoisyConstraintAECEnv(Payoffs(**payoffs), render_mode)
+
+
+# Pictures.
+
+_SAMPLES = 4
+"""Samples of a pixel along each axis, for smooth edges."""
+
+_INK, _WHITE, _PAPER, _BLUE = (38, 42, 50), (255, 255, 255), (245, 244, 240), (38, 88, 204)
+_HEIGHT, _RADIUS, _LINE = 240, 36, 3
+_CENTRES = ((60, 120), (230, 62), (230, 178))
+"""Of the states' discs, in pixels from the left and from the top."""
+
+# Five rows of three pixels, each an octal digit.
+_GLYPHS = {
+    **dict(zip("01234", ("75557", "26227", "71747", "71717", "55711"), strict=True)),
+    **dict(zip("56789", ("74717", "74757", "71122", "75757", "75717"), strict=True)),
+    **dict(zip(" .,-+", ("00000", "00002", "00024", "00700", "02720"), strict=True)),
+    **dict(zip("e[]S", ("07647", "64446", "31113", "74717"), strict=True)),
+}
+
+
+def _draw_ansi(payoffs: Payoffs, state: int) -> str:
+    padded = [name.ljust(2) for name in STATE_NAMES]
+    names = [f"[{name}]" if number == state else f" {name} " for number, name in enumerate(padded)]
+    lines = []
+    for action in range(NUM_ACTIONS):
+        start = names[0] if action == 0 else " " * len(names[0])
+        reward, cost = payoffs.rewards[action], payoffs.costs[action]
+        lines.append(f"{start}-{action}->{names[1 + action]}  reward {reward:g}, cost {cost:g}")
+    return "\n".join(lines)
+
+
+@lru_cache(maxsize=64)
+def _draw_rgb(payoffs: Payoffs, state: int) -> NDArray[np.uint8]:
+    """Draw the states, the present one dark, with what they pay and cost; read-only, as it is cached."""
+    texts = [f"[{reward:g}, {cost:g}]" for reward, cost in zip(payoffs.rewards, payoffs.costs, strict=True)]
+    left = _CENTRES[1][0] + _RADIUS + 16
+    size = (_HEIGHT, left + 16 * max(map(len, texts)) + 8)
+    y, x = ((np.indices((size[0] * _SAMPLES, size[1] * _SAMPLES)) + 0.5) / _SAMPLES).astype(np.float32)
+    samples = np.full((*x.shape, 3), _PAPER, dtype=np.uint8)
+    start = np.array(_CENTRES[0])
+    for centre in _CENTRES[1:]:
+        way = (np.array(centre) - start) / np.hypot(*(np.array(centre) - start))
+        tip = np.array(centre) - way * (_RADIUS + 4)
+        ahead = (x - tip[0]) * way[0] + (y - tip[1]) * way[1]
+        aside = abs((y - tip[1]) * way[0] - (x - tip[0]) * way[1])
+        length = float((tip - start) @ way)
+        samples[(aside < _LINE / 2) & (ahead > -length) & (ahead < -6)] = _INK
+        samples[(ahead > -16) & (aside < -ahead / 2)] = _INK
+    for number, centre in enumerate(_CENTRES):
+        distance = np.hypot(x - centre[0], y - centre[1])
+        samples[distance < _RADIUS] = _INK
+        samples[distance < _RADIUS - _LINE] = _WHITE
+        if number == state:
+            samples[distance < _RADIUS - 2 * _LINE] = _BLUE
+    shape = (size[0], _SAMPLES, size[1], _SAMPLES, 3)
+    image: NDArray[np.uint8] = samples.reshape(shape).mean(axis=(1, 3)).round().astype(np.uint8)
+    for number, (name, (column, row)) in enumerate(zip(STATE_NAMES, _CENTRES, strict=True)):
+        ink = _WHITE if number == state else _INK
+        _write(image, name, row - 12, column - 10 * len(name) + 2, 5, ink)
+    for action, (text, (_, row)) in enumerate(zip(texts, _CENTRES[1:], strict=True)):
+        _write(image, text, row - 10, left, 4, _INK)
+        _write(image, str(action), 66 if action == 0 else 154, 128, 4, _INK)
+    image.flags.writeable = False
+    return image
+
+
+def _write(
+    image: NDArray[np.uint8], text: str, top: int, left: int, scale: int, colour: tuple[int, int, int]
+) -> None:
+    """Write a text of one line into an image, each of a character's pixels ``scale`` pixels wide."""
+    for position, character in enumerate(text):
+        rows = [[int(digit) >> bit & 1 for bit in (2, 1, 0)] for digit in _GLYPHS[character]]
+        mask = np.kron(np.array(rows), np.ones((scale, scale), dtype=np.int64)) != 0
+        x = left + 4 * scale * position
+        image[top : top + len(mask), x : x + mask.shape[1]][mask] = colour

@@ -1,0 +1,23 @@
+"""The Python on the pages of the site that needs PyTorch runs, and shows what happens."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.pages import run_page
+
+
+def test_the_page_on_stable_baselines3_shows_what_happens() -> None:
+    run_page("ecosystem/stable-baselines3.md")
+
+
+def test_the_code_that_the_page_on_morl_baselines_includes_runs() -> None:
+    reason = "morl-baselines has a virtual environment of its own, see benchmarks/strangers"
+    pytest.importorskip("morl_baselines", reason=reason)
+    from benchmarks.strangers import envelope
+
+    config = envelope.Config(steps=1_200, starts=1, weights=2, batch_size=8, net_arch=(8,))
+    front = envelope.found_front(envelope.train(0, config), config)
+    assert front.shape == (2, 2)
+    assert np.isfinite(front).all()

@@ -1,0 +1,53 @@
+"""An ordinary observation wrapper, as any user would write it: the planes around the agent."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+WALLS, AGENT = 0, 1
+
+
+def crop(planes: NDArray[np.uint8], radius: int) -> NDArray[np.float32]:
+    """Cut the square around the agent out of all planes but its own.
+
+    Parameters
+    ----------
+    planes
+        uint8 0/1 planes of shape (C, H, W), walls first and the agent second.
+    radius
+        Cells seen in each direction; beyond the world there is wall.
+
+    Returns
+    -------
+    float32 array of shape ((C - 1) * (2 * radius + 1) ** 2,)
+    """
+    row, column = divmod(int(planes[AGENT].argmax()), planes.shape[2])
+    margin = ((0, 0), (radius, radius), (radius, radius))
+    padded = np.pad(np.delete(planes, AGENT, axis=0).astype(np.float32), margin)
+    padded[WALLS] = np.pad(planes[WALLS], radius, constant_values=1)
+    window = padded[:, row : row + 2 * radius + 1, column : column + 2 * radius + 1]
+    return np.ascontiguousarray(window).reshape(-1)
+
+
+def cropped_space(space: gymnasium.Space[Any], radius: int) -> Box:
+    """Space of the crops of observations from ``space``."""
+    assert space.shape is not None
+    return Box(0, 1, ((space.shape[0] - 1) * (2 * radius + 1) ** 2,), np.float32)
+
+
+class Egocentric(gymnasium.ObservationWrapper[NDArray[np.float32], int, NDArray[np.uint8]]):
+    """One agent's observations, cropped around it; see :func:`crop`."""
+
+    def __init__(self, env: gymnasium.Env[NDArray[np.uint8], int], radius: int) -> None:
+        super().__init__(env)
+        self.radius = radius
+        self.observation_space: gymnasium.Space[Any] = cropped_space(env.observation_space, radius)
+
+    def observation(self, observation: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Crop one observation."""
+        return crop(observation, self.radius)

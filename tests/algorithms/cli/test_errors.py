@@ -163,9 +163,20 @@ def test_a_component_that_is_never_rewarded_is_refused(
     [
         (["--primary", "fly"], "reward component is 'fly'; it must be one of ('extinguish', 'save')"),
         (["--primary", "save", "save"], "it must name no component twice"),
-        (["--teacher", "strict"], "teacher is 'strict'; it must be lexicographic or ratio"),
+        (["--teacher", "strict"], "teacher is 'strict'; it must be one of lexicographic, ratio, target"),
         (["--teacher", "ratio"], "ratio is {}"),
         (["--teacher", "ratio", "--ratio", "gold", "1"], "the objectives are ['goal_time', 'people_saved']"),
+        (["--teacher", "target"], "target is {}; it must name counts"),
+        (
+            ["--teacher", "target", "--target", "people_saved", "-1"],
+            "target is {'people_saved': -1.0}; it must name counts, none negative or infinite",
+        ),
+        (["--teacher", "target", "--target", "gold", "1"], "target names ['gold']; the objectives are"),
+        (["--target", "goal_time", "9"], "but teacher is 'lexicographic'; it must be 'target'"),
+        (
+            ["--teacher", "target", "--ratio", "goal_time", "9"],
+            "ratio is {'goal_time': 9.0}, but teacher is 'target'; it must be 'ratio'",
+        ),
         (["--order", "gold"], "the objectives are ['goal_time', 'people_saved']"),
         (["--noise", "2"], "probability is 2.0; it must be between 0 and 1"),
         (["--acquisition", "luck"], "acquisition is 'luck'; it must be one of"),

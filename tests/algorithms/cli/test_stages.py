@@ -71,12 +71,16 @@ def test_another_seed_gives_another_result(stages: Stages, tmp_path: Path) -> No
     assert (tmp_path / policy).read_bytes() != (stages.expert / policy).read_bytes()
 
 
-def test_several_experts_and_a_ratio_teacher(stages: Stages, tmp_path: Path) -> None:
-    options = ("--teacher", "ratio", "--ratio", "goal_time", "3", "people_saved", "1")
+@pytest.mark.parametrize("teacher", ["ratio", "target"])
+def test_several_experts_and_another_teacher(teacher: str, stages: Stages, tmp_path: Path) -> None:
+    options = ("--teacher", teacher, f"--{teacher}", "goal_time", "3", "people_saved", "1")
     assert run(*TRAIN, "--rewards", stages.airl, stages.airl, "--out", tmp_path, *options) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert list(summary["weights"]) == ["extinguish", "learned_1", "learned_2"]
     assert {"learned_1.safetensors", "learned_2.safetensors"} <= contents(tmp_path).keys()
+    stored = json.loads((tmp_path / "config.json").read_text())["teacher"]
+    assert (stored["teacher"], stored[teacher]) == (teacher, {"goal_time": 3.0, "people_saved": 1.0})
+    assert run("train", "--resume", "--out", tmp_path) == 0
 
 
 def test_event_files_go_into_the_run_directory(tmp_path: Path) -> None:

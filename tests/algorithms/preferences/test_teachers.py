@@ -13,7 +13,9 @@ from moral_algorithms.preferences import (
     Preference,
     Query,
     RatioTeacher,
+    TargetTeacher,
     Teacher,
+    ratio_divergence,
 )
 
 EMERGENCY = ("goal_time", "people_saved")
@@ -82,9 +84,69 @@ def test_ratio_agrees_with_the_formula(counters: list[int]) -> None:
         )
 
 
+def test_divergence_by_hand() -> None:
+    objectives = np.array([[3, 1, 1], [5, 5, 0], [0, 0, 0], [0, 0, 7]])
+    half = 0.5 * np.log(0.5 / 0.6) + 0.5 * np.log(0.5 / 0.2)
+    for scale in (1.0, 0.2):
+        divergences = ratio_divergence(objectives, scale * np.array([3.0, 1.0, 1.0]))
+        np.testing.assert_allclose(divergences, [0.0, half, np.inf, np.log(5)], atol=1e-15)
+        assert (divergences >= 0.0).all()
+
+
+def test_each_row_may_have_its_own_ratio() -> None:
+    objectives = np.array([[2.0, 1.0], [2.0, 1.0]])
+    divergences = ratio_divergence(objectives, np.array([[2.0, 1.0], [1.0, 2.0]]))
+    np.testing.assert_allclose(divergences, [0.0, np.log(2) / 3], atol=1e-15)
+    assert ratio_divergence(objectives[0], np.array([2.0, 1.0])).shape == ()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "preference"),
+    [
+        # Squared distances from (8, 3, -, 0) on each side: 0 and 1, 4 and 5, 2 and 4, 5 and 5, 0 and 0.
+        ([8, 3, 0, 0], [8, 3, 0, 1], Preference.FIRST),
+        ([9, 5, 0, 0], [8, 1, 0, 0], Preference.SECOND),
+        ([7, 4, 0, 0], [10, 3, 0, 0], Preference.FIRST),
+        ([6, 2, 0, 0], [9, 3, 9, 2], Preference.EQUAL),
+        ([8, 3, 12, 0], [8, 3, 0, 0], Preference.EQUAL),
+    ],
+)
+def test_target_is_equation_5_13(first: list[int], second: list[int], preference: Preference) -> None:
+    teacher = TargetTeacher({"delivered": 8, "helped": 3, "vases_broken": 0}, DELIVERY)
+    assert teacher.prefer(query(first, second)) is preference
+
+
+@given(
+    st.lists(st.integers(0, 12), min_size=8, max_size=8),
+    st.lists(st.integers(0, 48), min_size=4, max_size=4),
+)
+def test_target_agrees_with_the_formula(counters: list[int], quarters: list[int]) -> None:
+    # In quarters, so that the formula is exact, ties included.
+    first, second = (
+        sum((4 * counter - wanted) ** 2 for counter, wanted in zip(j, quarters, strict=True))
+        for j in (counters[:4], counters[4:])
+    )
+    teacher = TargetTeacher({name: q / 4 for name, q in zip(DELIVERY, quarters, strict=True)}, DELIVERY)
+    answer = teacher.prefer(query(counters[:4], counters[4:]))
+    if first == second:
+        assert answer is Preference.EQUAL
+    else:
+        assert answer is (Preference.FIRST if first < second else Preference.SECOND)
+
+
+@given(st.permutations([0, 2, 3, 7]), st.floats(0.0, 12.0))
+def test_the_same_differences_in_another_order_tie(counters: list[int], wanted: float) -> None:
+    teacher = TargetTeacher(dict.fromkeys(DELIVERY, wanted), DELIVERY)
+    assert teacher.prefer(query([0, 2, 3, 7], counters)) is Preference.EQUAL
+
+
 @pytest.mark.parametrize(
     "teacher",
-    [LexicographicTeacher(DELIVERY[:2], DELIVERY), RatioTeacher({"helped": 2, "cleaned": 1}, DELIVERY)],
+    [
+        LexicographicTeacher(DELIVERY[:2], DELIVERY),
+        RatioTeacher({"helped": 2, "cleaned": 1}, DELIVERY),
+        TargetTeacher({"helped": 2.3, "cleaned": 1.1, "vases_broken": 0.1}, DELIVERY),
+    ],
 )
 @given(st.lists(st.integers(0, 4), min_size=8, max_size=8))
 def test_swapping_the_trajectories_swaps_the_answer(teacher: Teacher, counters: list[int]) -> None:
@@ -154,6 +216,8 @@ def test_unknown_objectives_are_named() -> None:
         LexicographicTeacher(("helped",), EMERGENCY)
     with pytest.raises(ValueError, match=r"ratio names \['vases'\]; the objectives are"):
         RatioTeacher({"vases": 1.0}, DELIVERY)
+    with pytest.raises(ValueError, match=r"target names \['vases'\]; the objectives are"):
+        TargetTeacher({"delivered": 3.0, "vases": 0.0}, DELIVERY)
 
 
 @pytest.mark.parametrize("share", [0.0, -1.0, float("nan"), float("inf")])
@@ -167,6 +231,19 @@ def test_an_empty_ratio_is_refused() -> None:
         RatioTeacher({}, DELIVERY)
 
 
+@pytest.mark.parametrize("count", [-1.0, float("nan"), float("inf")])
+def test_targets_must_be_counts(count: float) -> None:
+    with pytest.raises(
+        ValueError, match=r"target is \{'helped': .*\}; it must name counts, none negative or inf"
+    ):
+        TargetTeacher({"helped": count, "cleaned": 1.0}, DELIVERY)
+
+
+def test_an_empty_target_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"target is \{\}; it must name counts"):
+        TargetTeacher({}, DELIVERY)
+
+
 @pytest.mark.parametrize("probability", [-0.1, 1.1, float("nan")])
 def test_noise_must_be_a_probability(probability: float) -> None:
     inner = LexicographicTeacher(("people_saved",), EMERGENCY)
@@ -174,7 +251,14 @@ def test_noise_must_be_a_probability(probability: float) -> None:
         NoisyTeacher(inner, probability, np.random.default_rng(0))
 
 
-def test_counters_must_match_the_names() -> None:
-    teacher = LexicographicTeacher(("people_saved",), EMERGENCY)
+@pytest.mark.parametrize(
+    "teacher",
+    [
+        LexicographicTeacher(("people_saved",), EMERGENCY),
+        RatioTeacher({"people_saved": 1}, EMERGENCY),
+        TargetTeacher({"people_saved": 1}, EMERGENCY),
+    ],
+)
+def test_counters_must_match_the_names(teacher: Teacher) -> None:
     with pytest.raises(ValueError, match=r"objectives has shape \(2, 3\); it must be \(2, 2\)"):
         teacher.prefer(query([0, 1, 2], [0, 0, 0]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -23,7 +23,13 @@ from moral_algorithms.pipeline.stage import (
     require_kind,
     require_normaliser,
 )
-from moral_algorithms.preferences import LexicographicTeacher, NoisyTeacher, RatioTeacher, Teacher
+from moral_algorithms.preferences import (
+    LexicographicTeacher,
+    NoisyTeacher,
+    RatioTeacher,
+    TargetTeacher,
+    Teacher,
+)
 from moral_algorithms.run_directory import RunDirectory, read_lines, versions
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
@@ -38,11 +44,13 @@ class TeacherConfig:
     """Who answers the queries: a simulated teacher that looks at the objectives."""
 
     teacher: str = "lexicographic"
-    """lexicographic (more of the first objective, on a tie of the next) or ratio (closer to a ratio)."""
+    """lexicographic (more of the first objective, on a tie of the next), ratio or target (closer to it)."""
     order: tuple[str, ...] = ("people_saved", "goal_time")
     """Objectives of the lexicographic teacher, the most important first."""
     ratio: dict[str, float] = field(default_factory=dict)
     """Share of each objective for the ratio teacher, such as people_saved 1 goal_time 9."""
+    target: dict[str, float] = field(default_factory=dict)
+    """Count of each objective for the target teacher, such as people_saved 6 goal_time 40."""
     noise: float = 0.0
     """Probability of a random answer."""
 
@@ -52,16 +60,20 @@ class TeacherConfig:
         Raises
         ------
         ValueError
-            If there is no such teacher, or an objective is unknown.
+            If there is no such teacher, an objective is unknown, or a ratio or a target is given to another
+            teacher.
         """
-        if self.teacher not in ("lexicographic", "ratio"):
-            raise ValueError(f"teacher is {self.teacher!r}; it must be lexicographic or ratio")
-        teacher: Teacher
-        if self.teacher == "lexicographic":
-            teacher = LexicographicTeacher(self.order, objective_names)
-        else:
-            teacher = RatioTeacher(self.ratio, objective_names)
-        return NoisyTeacher(teacher, self.noise, rng)
+        teachers: dict[str, Callable[[], Teacher]] = {
+            "lexicographic": lambda: LexicographicTeacher(self.order, objective_names),
+            "ratio": lambda: RatioTeacher(self.ratio, objective_names),
+            "target": lambda: TargetTeacher(self.target, objective_names),
+        }
+        if self.teacher not in teachers:
+            raise ValueError(f"teacher is {self.teacher!r}; it must be one of {', '.join(teachers)}")
+        for name, given in (("ratio", self.ratio), ("target", self.target)):
+            if given and name != self.teacher:
+                raise ValueError(f"{name} is {given}, but teacher is {self.teacher!r}; it must be {name!r}")
+        return NoisyTeacher(teachers[self.teacher](), self.noise, rng)
 
 
 def normaliser_config() -> ExpertConfig:

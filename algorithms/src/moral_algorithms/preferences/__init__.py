@@ -22,7 +22,14 @@ from .posterior import Posterior
 from .priors import BallPrior, Prior, RationalityPrior
 from .query import Preference, Query
 from .samplers import SAMPLERS, Sampler, hit_and_run, metropolis
-from .teachers import LexicographicTeacher, NoisyTeacher, RatioTeacher, Teacher
+from .teachers import (
+    LexicographicTeacher,
+    NoisyTeacher,
+    RatioTeacher,
+    TargetTeacher,
+    Teacher,
+    ratio_divergence,
+)
 
 __all__ = [
     "ACQUISITIONS",
@@ -41,11 +48,13 @@ __all__ = [
     "RatioTeacher",
     "RationalityPrior",
     "Sampler",
+    "TargetTeacher",
     "Teacher",
     "expected_regret",
     "hit_and_run",
     "metropolis",
     "mutual_information",
     "random",
+    "ratio_divergence",
     "volume_removal",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -67,9 +68,8 @@ class LexicographicTeacher(Teacher):
 class RatioTeacher(Teacher):
     """Prefers the trajectory whose objectives stand closer to a wanted ratio (thesis eq. 5.12).
 
-    Close in the KL divergence of j / |j|_1 from the ratio m, both over the objectives that m names. A
-    trajectory that achieved none of them has no ratio. Equation 5.12 read to the letter finds it perfect
-    (divergence 0); here it is the worst.
+    Close in the KL divergence of j / |j|_1 from the ratio m, both over the objectives that m names; see
+    :func:`ratio_divergence`. A trajectory that achieved none of them has no ratio and is the worst.
 
     Parameters
     ----------
@@ -90,24 +90,49 @@ class RatioTeacher(Teacher):
         if shares.size == 0 or not (np.isfinite(shares).all() and (shares > 0.0).all()):
             raise ValueError(f"ratio is {dict(ratio)}; every share must be positive and finite")
         self._columns = _columns("ratio", tuple(ratio), objective_names)
-        self._ratio = shares / shares.sum()
+        self._ratio = shares
         self._num_objectives = len(objective_names)
 
     def prefer(self, query: Query) -> Preference:
         """Compare the two divergences."""
-        first, second = (
-            self._divergence(j) for j in _objectives(query, self._num_objectives)[:, self._columns]
-        )
-        if first == second:
-            return Preference.EQUAL
-        return Preference.FIRST if first < second else Preference.SECOND
+        achieved = _objectives(query, self._num_objectives)[:, self._columns]
+        first, second = ratio_divergence(achieved, self._ratio).tolist()
+        return _nearer(first, second)
 
-    def _divergence(self, objectives: NDArray[np.int64]) -> float:
-        achieved = objectives > 0
-        if not achieved.any():
-            return float("inf")
-        shares = objectives[achieved] / objectives.sum()
-        return float((shares * np.log(shares / self._ratio[achieved])).sum())
+
+class TargetTeacher(Teacher):
+    """Prefers the trajectory whose objectives lie closer to a target (thesis eq. 5.13).
+
+    Close in the sum of squared differences over the objectives that the target names. With what a trained
+    policy achieves on average as the target, the answers ask for a policy that behaves like it.
+
+    Parameters
+    ----------
+    target : mapping of str to float
+        Wanted count of each objective that matters, not negative; 0 asks for none.
+    objective_names : sequence of str
+        Names of the counters in a query's `objectives`, in the environment's order.
+
+    Raises
+    ------
+    ValueError
+        If `target` is empty, holds a negative or infinite count or a name that is not in `objective_names`.
+    """
+
+    def __init__(self, target: Mapping[str, float], objective_names: Sequence[str]) -> None:
+        counts = np.array(list(target.values()), dtype=np.float64)
+        if counts.size == 0 or not (np.isfinite(counts).all() and (counts >= 0.0).all()):
+            raise ValueError(f"target is {dict(target)}; it must name counts, none negative or infinite")
+        self._columns = _columns("target", tuple(target), objective_names)
+        self._target = counts
+        self._num_objectives = len(objective_names)
+
+    def prefer(self, query: Query) -> Preference:
+        """Compare the two squared distances."""
+        achieved = _objectives(query, self._num_objectives)[:, self._columns]
+        # Rounded once, so that the same differences in another order are a tie.
+        first, second = (math.fsum(row) for row in ((achieved - self._target) ** 2).tolist())
+        return _nearer(first, second)
 
 
 class NoisyTeacher(Teacher):
@@ -149,6 +174,41 @@ class NoisyTeacher(Teacher):
         """Go on where `state_dict` was taken."""
         self._rng.bit_generator.state = state["rng"]
         self.teacher.load_state_dict(state["teacher"])
+
+
+def ratio_divergence(
+    objectives: NDArray[np.float64 | np.int64], ratio: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Kullback-Leibler divergence of achieved shares from a wanted ratio (thesis eq. 5.12).
+
+    Where nothing was achieved there is no ratio. Equation 5.12 read to the letter finds it perfect
+    (divergence 0); here it is the worst.
+
+    Parameters
+    ----------
+    objectives : float64 or int64, shape (..., k)
+        What was achieved of each objective that the ratio is about, not negative.
+    ratio : float64, shape (k,) or (..., k)
+        Wanted shares, positive; they need not sum to 1.
+
+    Returns
+    -------
+    float64, shape (...)
+        The divergences in nats, 0 or more; infinite where nothing was achieved.
+    """
+    total = objectives.sum(axis=-1, keepdims=True)
+    shares = objectives / np.where(total > 0, total, 1)
+    # An objective of which nothing was achieved adds 0 log 0 = 0.
+    quotients = np.where(shares > 0.0, shares / (ratio / ratio.sum(axis=-1, keepdims=True)), 1.0)
+    divergences = (shares * np.log(quotients)).sum(axis=-1)
+    # Rounding takes it below zero.
+    return np.where(total[..., 0] > 0, np.maximum(divergences, 0.0), np.inf)
+
+
+def _nearer(first: float, second: float) -> Preference:
+    if first == second:
+        return Preference.EQUAL
+    return Preference.FIRST if first < second else Preference.SECOND
 
 
 def _columns(argument: str, wanted: Sequence[str], objective_names: Sequence[str]) -> list[int]:

@@ -25,10 +25,10 @@ import torch
 from stable_baselines3 import PPO
 
 from benchmarks.provenance import provenance
+from benchmarks.runs import finished_runs, store_runs
 from moral_algorithms.bridge import EngineVecEnv, PrimaryReward, ScalarisedRewards
 from moral_algorithms.learners.ppo import PPOConfig, learn, make_ppo, standard_callbacks
 from moral_algorithms.run_directory import versions
-from moral_algorithms.storage import write_json
 from moral_envs import delivery_v0
 from moral_envs.engine import Engine
 from moral_envs.streams import spawn_streams
@@ -142,15 +142,6 @@ def table(summaries: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def finished_runs(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Read the runs of an earlier call with the same settings, if there was one."""
-    if not path.exists():
-        return []
-    stored = json.loads(path.read_text())
-    same = all(stored.get(name) == value for name, value in settings.items())
-    return list(stored["runs"]) if same else []
-
-
 def main(options: Sequence[str] | None = None) -> None:
     """Train every team that is not in the results file yet."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -161,7 +152,7 @@ def main(options: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(options)
     torch.set_num_threads(1)
     config = replace(Config(), agent_steps=arguments.agent_steps)
-    settings = {"config": asdict(config), "versions": versions()}
+    settings = {"config": json.loads(json.dumps(asdict(config))), "versions": versions()}
     runs = finished_runs(arguments.json, settings)
     done = {Team(run["num_agents"], run["team_reward"], run["seed"]) for run in runs}
     for team in teams(arguments.sizes, arguments.seeds):
@@ -170,8 +161,7 @@ def main(options: Sequence[str] | None = None) -> None:
         started = time.perf_counter()
         runs.append({**train(team, config), **provenance(started)})
         print(f"{team}: {runs[-1]['collected']:.2f} collected, {runs[-1]['training_seconds']} s", flush=True)
-        record = {"command": "python -m benchmarks.delivery_teams", **settings}
-        write_json(arguments.json, {**record, "summary": summarise(runs), "runs": runs})
+        store_runs(arguments.json, "delivery_teams", settings, summarise(runs), runs)
     print(table(summarise(runs)))
 
 

@@ -14,23 +14,30 @@ from moral_algorithms.networks.precision import fast_matmul
 
 Shape = tuple[int, int, int]
 
+_COUNTED = 16
+"""Objects of a kind that the egocentric encoding can count."""
+
 
 class EgocentricEncoding(nn.Module):
     """The crop around the agent and how much of each plane is left in the whole grid; nothing to learn.
 
-    From the crop alone, an object that was removed looks like one that was left behind.
+    From the crop alone, an object that was removed looks like one that was left behind. The totals are in
+    unary, a one for each of 1 to 16 that is reached: as a number on the scale of a cell, one vase more or less
+    would hardly show.
     """
 
     def __init__(self, shape: Shape, radius: int = 5) -> None:
         super().__init__()
         self.crop = EgocentricCrop(shape, radius)
-        self.size = self.crop.size + shape[0]
+        self.register_buffer("_steps", torch.arange(1, _COUNTED + 1), persistent=False)
+        self.size = self.crop.size + shape[0] * _COUNTED
+
+    _steps: torch.Tensor
 
     def forward(self, states: torch.Tensor) -> torch.Tensor:
         """Encode float32 states (n, C, H, W) as (n, size)."""
-        # A tenth, so that counts and 0/1 cells enter on one scale.
-        totals = states.flatten(2).sum(dim=2) * 0.1
-        return torch.cat([self.crop(states), totals], dim=1)
+        totals = states.flatten(2).sum(dim=2, keepdim=True) >= self._steps
+        return torch.cat([self.crop(states), totals.flatten(1).to(states.dtype)], dim=1)
 
 
 def _egocentric_value(shape: Shape, hidden: int = 128) -> nn.Sequential:

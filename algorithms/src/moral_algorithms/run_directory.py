@@ -6,7 +6,7 @@
 ``metrics.jsonl``          one line per rollout
 ``checkpoint.safetensors`` the whole state of training between two rollouts
 ``policy.safetensors``     the trained policy
-``reward.safetensors``     a learned reward network (AIRL)
+``reward.safetensors``     a learned reward network (AIRL) or ensemble (DRLHP)
 ``learned_1.safetensors``  copies of the reward networks that a run of MORAL trains under, by component
 ``normalisers.json``       returns of policies that pursue one primary component alone (MORAL)
 ``summary.json``           the result, written last

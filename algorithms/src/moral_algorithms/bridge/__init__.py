@@ -1,6 +1,7 @@
 """From the engine's reward vector to Stable-Baselines3's scalar reward."""
 
 from moral_algorithms.bridge.reward_vector import (
+    LearnedActionReward,
     LearnedReward,
     PrimaryReward,
     RewardComponent,
@@ -10,6 +11,7 @@ from moral_algorithms.bridge.vec_env import EngineVecEnv, Replay, Transitions
 
 __all__ = [
     "EngineVecEnv",
+    "LearnedActionReward",
     "LearnedReward",
     "PrimaryReward",
     "Replay",

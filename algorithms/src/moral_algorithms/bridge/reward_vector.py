@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import nn
 
 from moral_algorithms.bridge.vec_env import EngineVecEnv, Transitions
+from moral_algorithms.networks.rewards import ActionRewardEnsemble
 
 
 class RewardComponent(Protocol):
@@ -84,6 +85,33 @@ class LearnedReward:
                 torch.from_numpy(transitions.next_observations).to(device),
             )
         array: NDArray[np.float32] = rewards.cpu().numpy() * np.float32(self.scale)
+        return array
+
+
+class LearnedActionReward:
+    """A component computed by an ensemble of reward networks on (s, a), standardised.
+
+    Parameters
+    ----------
+    name
+        Its name in the reward vector.
+    network
+        The ensemble; its scales may change between two steps.
+    """
+
+    def __init__(self, name: str, network: ActionRewardEnsemble) -> None:
+        self.name = name
+        self.network = network
+
+    def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
+        """Compute rewards of shape (n,)."""
+        device = self.network.means.device
+        with torch.no_grad():
+            rewards = self.network.standardised(
+                torch.from_numpy(transitions.observations).to(device),
+                torch.from_numpy(transitions.actions).to(device),
+            )
+        array: NDArray[np.float32] = rewards.cpu().numpy()
         return array
 
 

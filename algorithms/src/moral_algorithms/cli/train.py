@@ -20,6 +20,8 @@ from moral_algorithms.run_directory import RunDirectory, read_lines
 from moral_algorithms.storage import StorageError
 from moral_algorithms.worlds import WorldSpec
 
+_KIND = "train"
+
 
 @dataclass(frozen=True)
 class Command(BaseCommand):
@@ -66,7 +68,7 @@ class Command(BaseCommand):
         if not early.resume or early.out is None:
             return None
         directory = RunDirectory(early.out)
-        run, setting = pipeline.read_moral_run(directory), pipeline.read_moral_setting(directory)
+        run, setting = pipeline.read_moral_run(directory), pipeline.read_setting(directory, _KIND)
         # An unknown device is the options' to refuse.
         device: Any = setting.device
         return cls(
@@ -94,7 +96,8 @@ class Command(BaseCommand):
             answered = len(read_lines(directory.queries))
         except StorageError as error:
             return f"{error}"
-        return f"{answered} of {self.config.queries} answers are saved; {pipeline.how_to_resume(directory)}"
+        how = pipeline.how_to_resume(directory, _KIND)
+        return f"{answered} of {self.config.queries} answers are saved; {how}"
 
     def execute(self, console: Console) -> None:
         """Do it."""
@@ -118,7 +121,7 @@ class Command(BaseCommand):
             self.normaliser,
         )
         if self.resume and not finished:
-            for warning in pipeline.resuming_warnings(directory, setting):
+            for warning in pipeline.changes_since_start(directory, _KIND, setting):
                 console.error(f"moral: warning: {warning}")
         summary = pipeline.moral(directory, run, setting, self.resume)
         if finished:

@@ -300,7 +300,7 @@ class PreferenceLearner(BaseCallback):
                 Episode(returns, objectives, Replay(int(stream), actions))
                 for returns, objectives, stream, actions in recent
             )
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, RuntimeError) as error:
             reason = first_line(error)
             raise StorageError(f"{self._directory.checkpoint} does not fit this run: {reason}") from error
         self._monitor.queries = self._posterior.num_queries

@@ -18,6 +18,7 @@ from stable_baselines3.common.utils import obs_as_tensor
 from stable_baselines3.common.vec_env import VecNormalize
 
 from moral_algorithms.bridge import ScalarisedRewards
+from moral_algorithms.learners.checkpoints import load_optimiser_state, optimiser_state
 from moral_algorithms.networks.policies import POLICIES
 from moral_algorithms.storage import Arrays
 
@@ -234,10 +235,8 @@ def sampling_seed(seed: int) -> Iterator[None]:
 def ppo_state(model: PPO) -> tuple[Arrays, dict[str, Any]]:
     """Copy all that PPO needs to go on exactly, between two rollouts, as arrays and JSON-able values."""
     arrays: Arrays = {f"policy.{name}": _array(tensor) for name, tensor in model.policy.state_dict().items()}
-    optimiser = model.policy.optimizer.state_dict()
-    for index, entries in optimiser["state"].items():
-        for name, tensor in entries.items():
-            arrays[f"optimiser.{index}.{name}"] = _array(tensor)
+    optimiser = optimiser_state(model.policy.optimizer)
+    arrays |= {f"optimiser.{name}": value for name, value in optimiser.items()}
     scaled, scalarised = _environments(model)
     arrays |= {f"venv.{name}": value for name, value in scalarised.state_dict().items()}
     statistics = scaled.ret_rms
@@ -266,22 +265,12 @@ def load_ppo_state(model: PPO, arrays: Arrays, metadata: dict[str, Any]) -> None
 
     Raises
     ------
-    KeyError, ValueError, RuntimeError
+    KeyError, IndexError, ValueError, RuntimeError
         If the state is of another model.
     """
     policy = {name: torch.from_numpy(value) for name, value in _under(arrays, "policy.").items()}
     model.policy.load_state_dict(policy)
-    optimiser = model.policy.optimizer.state_dict()
-    parameters = [p for group in model.policy.optimizer.param_groups for p in group["params"]]
-    entries: dict[int, dict[str, torch.Tensor]] = {}
-    for key, value in _under(arrays, "optimiser.").items():
-        index, name = key.split(".", 1)
-        tensor, parameter = torch.from_numpy(value.copy()), parameters[int(index)]
-        if tensor.shape == parameter.shape:
-            # The fused optimiser walks through memory: moments must lie there as their parameter does.
-            tensor = torch.empty_like(parameter).copy_(tensor)
-        entries.setdefault(int(index), {})[name] = tensor
-    model.policy.optimizer.load_state_dict({**optimiser, "state": entries})
+    load_optimiser_state(model.policy.optimizer, _under(arrays, "optimiser."))
     scaled, scalarised = _environments(model)
     model._last_obs = scalarised.load_state_dict(_under(arrays, "venv."))
     scaled.returns = arrays["scale.returns"].copy()

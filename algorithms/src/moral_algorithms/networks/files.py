@@ -1,7 +1,8 @@
 """Policies and reward networks as files: parameters in safetensors, with a header that says what they are.
 
 The header, JSON under ``moral``, holds ``kind``, ``version`` (1), ``world`` and how to build the network:
-``preset`` for a policy; ``architecture``, ``gamma`` and ``normaliser`` for a reward network.
+``preset`` for a policy; ``architecture``, ``gamma`` and ``normaliser`` for AIRL's reward network;
+``architecture``, ``num_actions`` and ``members`` for an ensemble learned from preferences.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
 from moral_algorithms.networks.policies import POLICIES
-from moral_algorithms.networks.rewards import ShapedRewardNetwork
+from moral_algorithms.networks.rewards import ActionRewardEnsemble, ShapedRewardNetwork
 from moral_algorithms.storage import Arrays, StorageError, read_tensors, write_tensors
 from moral_algorithms.worlds import WorldSpec
 from moral_envs.engine import Engine
 from moral_envs.world import NUM_ACTIONS
 
 VERSION = 1
-_POLICY, _REWARD = "moral-policy", "moral-reward"
+_POLICY, _REWARD, _ACTION_REWARD = "moral-policy", "moral-reward", "moral-action-reward"
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -46,6 +47,15 @@ class StoredReward(NamedTuple):
     """The reward f(s, s')."""
     normaliser: float
     """|J|, the absolute mean return of the imitation policy under it (eq. 5.2)."""
+    world: WorldSpec
+    """Where it was learned."""
+
+
+class StoredActionReward(NamedTuple):
+    """An ensemble of reward networks that was read from a file."""
+
+    network: ActionRewardEnsemble
+    """The reward r(s, a), with the scales of its members."""
     world: WorldSpec
     """Where it was learned."""
 
@@ -138,6 +148,51 @@ def load_reward(path: Path, device: str = "cpu") -> StoredReward:
 
     network, header, world = _load(path, _REWARD, build)
     return StoredReward(network.to(device), float(header["normaliser"]), world)
+
+
+def save_action_reward(path: Path, network: ActionRewardEnsemble, world: WorldSpec) -> None:
+    """Write an ensemble of reward networks.
+
+    Parameters
+    ----------
+    path
+        The file.
+    network
+        What is written.
+    world
+        Where it was learned.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written.
+    """
+    header = {
+        "kind": _ACTION_REWARD,
+        "version": VERSION,
+        "world": world.to_json(),
+        "architecture": network.architecture,
+        "num_actions": network.num_actions,
+        "members": len(network.members),
+    }
+    write_tensors(path, _arrays(network), header)
+
+
+def load_action_reward(path: Path, device: str = "cpu") -> StoredActionReward:
+    """Read an ensemble of reward networks.
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, damaged, or holds something else.
+    """
+
+    def build(header: dict[str, Any], world: WorldSpec) -> ActionRewardEnsemble:
+        shape, num_actions, members = _state_shape(world), int(header["num_actions"]), int(header["members"])
+        return ActionRewardEnsemble(shape, num_actions, header["architecture"], members)
+
+    network, _, world = _load(path, _ACTION_REWARD, build)
+    return StoredActionReward(network.to(device), world)
 
 
 def _load(

@@ -1,4 +1,4 @@
-"""Reward networks: AIRL's f(s, s') = g(s) + gamma * h(s') - h(s), with g and h of three architectures."""
+"""Reward networks: AIRL's f(s, s') = g(s) + gamma * h(s') - h(s), and ensembles of r(s, a) for DRLHP."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import torch
 from torch import nn
+from torch.nn import functional
 
 from moral_algorithms.networks.egocentric import EgocentricCrop
 from moral_algorithms.networks.precision import fast_matmul
@@ -22,8 +23,8 @@ class EgocentricEncoding(nn.Module):
     """The crop around the agent and how much of each plane is left in the whole grid; nothing to learn.
 
     From the crop alone, an object that was removed looks like one that was left behind. The totals are in
-    unary, a one for each of 1 to 16 that is reached: as a number on the scale of a cell, one vase more or less
-    would hardly show.
+    unary, a one for each of 1 to 16 that is reached: as a number on the scale of a cell, one vase more or
+    less would hardly show.
     """
 
     def __init__(self, shape: Shape, radius: int = 5) -> None:
@@ -156,3 +157,150 @@ def _apply(network: nn.Sequential, inputs: torch.Tensor) -> torch.Tensor:
         latent = network[:-1](inputs)
     values: torch.Tensor = network[-1](latent.float())
     return values
+
+
+# An action touches the neighbouring cells, and a network that sees more needs more answers: from 250 about
+# clips of random episodes in Emergency, one with radius 1 predicts 94 % of others, with 2 82 %, with 5 68 %.
+_REACH = 1
+
+
+def _surroundings(shape: Shape) -> EgocentricCrop:
+    return EgocentricCrop(shape, _REACH)
+
+
+class _EgocentricActionValue(nn.Module):
+    """A perceptron on the cells around the agent with one output for each action."""
+
+    def __init__(self, shape: Shape, num_actions: int, hidden: int = 128) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Linear(_surroundings(shape).size, hidden),
+            nn.LeakyReLU(),
+            nn.Linear(hidden, hidden),
+            nn.LeakyReLU(),
+            nn.Linear(hidden, num_actions),
+        )
+
+    def forward(self, encoded: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Rewards (n, 1) of encoded states (n, size) and int64 actions (n,)."""
+        return _apply(self.layers, encoded).gather(1, actions[:, None])
+
+
+class _ConvolutionalActionValue(nn.Module):
+    """The thesis's network (B.1.3): the action, embedded as so many planes again, beside the state's."""
+
+    def __init__(self, shape: Shape, num_actions: int) -> None:
+        super().__init__()
+        channels, height, width = shape
+        self.shape = shape
+        self.num_actions = num_actions
+        self.embedding = nn.Linear(num_actions, channels * height * width)
+        self.layers = nn.Sequential(
+            nn.Conv2d(2 * channels, 128, 2),
+            nn.LeakyReLU(0.01),
+            nn.Conv2d(128, 64, 2),
+            nn.LeakyReLU(0.01),
+            nn.Conv2d(64, 32, 2),
+            nn.LeakyReLU(0.01),
+            nn.Flatten(),
+            nn.Linear(32 * (height - 3) * (width - 3), 1),
+        )
+
+    def forward(self, states: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Rewards (n, 1) of float32 states (n, C, H, W) and int64 actions (n,)."""
+        one_hot = functional.one_hot(actions, self.num_actions).float()
+        embedded = self.embedding(one_hot).reshape(-1, *self.shape)
+        planes = torch.cat([states, embedded], dim=1).contiguous(memory_format=torch.channels_last)
+        return _apply(self.layers, planes)
+
+
+class ActionRewardArchitecture(NamedTuple):
+    """What r(s, a) is made of, as functions of the shape (C, H, W) of a state."""
+
+    encoding: Callable[[Shape], nn.Module]
+    """Makes the input that the members of an ensemble share."""
+    value: Callable[[Shape, int], nn.Module]
+    """Makes, for a number of actions, a network from that input and the actions to (n, 1)."""
+
+
+ACTION_REWARD_ARCHITECTURES = {
+    "fast": ActionRewardArchitecture(_surroundings, _EgocentricActionValue),
+    "paper": ActionRewardArchitecture(_as_it_is, _ConvolutionalActionValue),
+}
+"""The architectures of r(s, a) by name."""
+
+
+class ActionRewardEnsemble(nn.Module):
+    """Reward networks r(s, a) that are learned from preferences side by side (thesis B.1.3).
+
+    What preferences say of a reward leaves its offset and, in practice, its scale open: agents are given the
+    mean over members of each one's standardised reward (Christiano et al. 2017, section 2.2).
+
+    Parameters
+    ----------
+    shape
+        Shape (C, H, W) of a state.
+    num_actions
+        How many actions there are.
+    architecture
+        A name of :data:`ACTION_REWARD_ARCHITECTURES`.
+    members
+        How many networks.
+
+    Raises
+    ------
+    ValueError
+        If the architecture is unknown, or there is no member.
+    """
+
+    means: torch.Tensor
+    scales: torch.Tensor
+
+    def __init__(self, shape: Shape, num_actions: int, architecture: str = "fast", members: int = 1) -> None:
+        super().__init__()
+        if architecture not in ACTION_REWARD_ARCHITECTURES:
+            known = sorted(ACTION_REWARD_ARCHITECTURES)
+            raise ValueError(f"architecture is {architecture!r}; it must be one of {known}")
+        if members < 1:
+            raise ValueError(f"members is {members}; it must be at least 1")
+        self.shape = shape
+        self.num_actions = num_actions
+        self.architecture = architecture
+        encoding, value = ACTION_REWARD_ARCHITECTURES[architecture]
+        self.encoding = encoding(shape)
+        self.members = nn.ModuleList(value(shape, num_actions) for _ in range(members))
+        self.register_buffer("means", torch.zeros(members))
+        # Nothing is known of the reward yet, and nothing is paid.
+        self.register_buffer("scales", torch.zeros(members))
+
+    def forward(self, states: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Rewards as each member predicts them.
+
+        Parameters
+        ----------
+        states
+            0/1 planes of any dtype, shape (n, C, H, W).
+        actions
+            Integers of shape (n,).
+
+        Returns
+        -------
+        float32 tensor of shape (members, n)
+        """
+        assert states.shape[1:] == self.shape, f"{tuple(states.shape)} is not (n, *{self.shape})"
+        assert actions.shape == states.shape[:1], f"{tuple(actions.shape)} is not ({len(states)},)"
+        encoded, taken = self.encoding(states.float()), actions.long()
+        return torch.cat([member(encoded, taken) for member in self.members], dim=1).T
+
+    def standardised(self, states: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Mean over members of the standardised rewards, float32 of shape (n,); 0 before the first scale."""
+        rewards: torch.Tensor = (self(states, actions) - self.means[:, None]) * self.scales[:, None]
+        return rewards.mean(dim=0)
+
+    @torch.no_grad()
+    def standardise(self, states: torch.Tensor, actions: torch.Tensor) -> None:
+        """Give every member's rewards mean 0 and standard deviation 1 on these states and actions."""
+        rewards = self(states, actions)
+        self.means.copy_(rewards.mean(dim=1))
+        # A constant reward stays 0 instead of becoming noise.
+        self.scales.copy_(1 / rewards.std(dim=1, correction=0).clamp(min=1e-4))

@@ -7,36 +7,39 @@ measures a policy beside the exact optimum. Each leaves its results in files, fr
 
 from moral_algorithms.pipeline.alignment import (
     MoralRun,
-    TeacherConfig,
-    how_to_resume,
     moral,
     normaliser_config,
     read_moral_run,
-    read_moral_setting,
-    resuming_warnings,
     world_of_rewards,
 )
+from moral_algorithms.pipeline.baseline import DRLHPRun, drlhp, drlhp_preset, read_drlhp_run
 from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
+from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
 from moral_algorithms.pipeline.stage import Setting
+from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.seeding import spawn_seeds
 
 __all__ = [
+    "DRLHPRun",
     "Evaluation",
     "MoralRun",
     "Setting",
     "TeacherConfig",
     "airl",
+    "changes_since_start",
     "demonstrate",
+    "drlhp",
+    "drlhp_preset",
     "evaluate",
     "expert",
     "find_policy",
     "how_to_resume",
     "moral",
     "normaliser_config",
+    "read_drlhp_run",
     "read_moral_run",
-    "read_moral_setting",
-    "resuming_warnings",
+    "read_setting",
     "spawn_seeds",
     "world_of_rewards",
 ]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,64 +14,19 @@ from moral_algorithms.learners.expert import ExpertConfig, train_expert
 from moral_algorithms.learners.moral import MoralConfig, train_moral
 from moral_algorithms.learners.ppo import PPOConfig, sampling_seed
 from moral_algorithms.networks.files import load_reward, save_policy
-from moral_algorithms.pipeline.stage import (
-    Setting,
-    StageClock,
-    name_values,
-    require_kind,
-    require_normaliser,
-)
-from moral_algorithms.preferences import (
-    LexicographicTeacher,
-    NoisyTeacher,
-    RatioTeacher,
-    TargetTeacher,
-    Teacher,
-)
-from moral_algorithms.run_directory import RunDirectory, read_lines, versions
+from moral_algorithms.pipeline.resuming import read_resumable, resumable
+from moral_algorithms.pipeline.stage import Setting, StageClock, name_values, require_normaliser
+from moral_algorithms.pipeline.teaching import TeacherConfig
+from moral_algorithms.run_directory import RunDirectory, read_lines
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
+KIND = "train"
+"""Kind of the run, which is also the command that makes it."""
+
 _NORMALISER_EPISODES = 200
 _REWARD = "reward.safetensors"
-
-
-@dataclass(frozen=True)
-class TeacherConfig:
-    """Who answers the queries: a simulated teacher that looks at the objectives."""
-
-    teacher: str = "lexicographic"
-    """lexicographic (more of the first objective, on a tie of the next), ratio or target (closer to it)."""
-    order: tuple[str, ...] = ("people_saved", "goal_time")
-    """Objectives of the lexicographic teacher, the most important first."""
-    ratio: dict[str, float] = field(default_factory=dict)
-    """Share of each objective for the ratio teacher, such as people_saved 1 goal_time 9."""
-    target: dict[str, float] = field(default_factory=dict)
-    """Count of each objective for the target teacher, such as people_saved 6 goal_time 40."""
-    noise: float = 0.0
-    """Probability of a random answer."""
-
-    def build(self, objective_names: tuple[str, ...], rng: np.random.Generator) -> Teacher:
-        """Make the teacher.
-
-        Raises
-        ------
-        ValueError
-            If there is no such teacher, an objective is unknown, or a ratio or a target is given to another
-            teacher.
-        """
-        teachers: dict[str, Callable[[], Teacher]] = {
-            "lexicographic": lambda: LexicographicTeacher(self.order, objective_names),
-            "ratio": lambda: RatioTeacher(self.ratio, objective_names),
-            "target": lambda: TargetTeacher(self.target, objective_names),
-        }
-        if self.teacher not in teachers:
-            raise ValueError(f"teacher is {self.teacher!r}; it must be one of {', '.join(teachers)}")
-        for name, given in (("ratio", self.ratio), ("target", self.target)):
-            if given and name != self.teacher:
-                raise ValueError(f"{name} is {given}, but teacher is {self.teacher!r}; it must be {name!r}")
-        return NoisyTeacher(teachers[self.teacher](), self.noise, rng)
 
 
 def normaliser_config() -> ExpertConfig:
@@ -139,11 +92,6 @@ class MoralRun:
             raise ValueError(f"the run's configuration is damaged: {error}") from error
 
 
-def how_to_resume(directory: RunDirectory) -> str:
-    """Say how to go on with a run that was interrupted."""
-    return f"go on with: moral train --resume --out {directory.path}"
-
-
 def read_moral_run(directory: RunDirectory) -> MoralRun:
     """Read what the run of MORAL in a directory was started with.
 
@@ -152,45 +100,7 @@ def read_moral_run(directory: RunDirectory) -> MoralRun:
     StorageError
         If there is none.
     """
-    return MoralRun.from_json(_read_config(directory))
-
-
-def read_moral_setting(directory: RunDirectory) -> Setting:
-    """Read how the run of MORAL in a directory was started to be run.
-
-    Raises
-    ------
-    ValueError
-        If there is none, or its configuration is damaged.
-    """
-    config = _read_config(directory)
-    try:
-        return Setting.from_json(config.get("setting"))
-    except ValueError as error:
-        raise StorageError(f"{directory.config} is damaged: {error}") from error
-
-
-def resuming_warnings(directory: RunDirectory, setting: Setting) -> list[str]:
-    """Say, in one line each, why a run that goes on may end otherwise than it would have uninterrupted."""
-    warnings = []
-    before, now = read_moral_setting(directory).to_json(), setting.to_json()
-    changed = [
-        f"{name} {before[name]}, now {now[name]}"
-        for name in ("device", "threads")
-        if before[name] != now[name]
-    ]
-    if changed:
-        warnings.append(f"the run was started with {', '.join(changed)}; results may differ")
-    stored, installed = _read_config(directory).get("versions"), versions()
-    if stored != installed:
-        known = stored if isinstance(stored, dict) else {}
-        changed = [
-            f"{name} {known.get(name)}, now {installed.get(name)}"
-            for name in sorted({*known, *installed})
-            if known.get(name) != installed.get(name)
-        ]
-        warnings.append(f"the run was started with {', '.join(changed)}; results may differ")
-    return warnings
+    return MoralRun.from_json(read_resumable(directory, KIND))
 
 
 def world_of_rewards(rewards: tuple[Path, ...]) -> WorldSpec:
@@ -202,14 +112,6 @@ def world_of_rewards(rewards: tuple[Path, ...]) -> WorldSpec:
         If the reward cannot be read.
     """
     return load_reward(rewards[0] / _REWARD).world if rewards else WorldSpec()
-
-
-def _read_config(directory: RunDirectory) -> dict[str, Any]:
-    if not directory.config.exists():
-        raise StorageError(f"there is no run in {directory.path} to resume; start it without --resume")
-    config = directory.read_config()
-    require_kind(directory, config, "train")
-    return config
 
 
 def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool = False) -> dict[str, Any]:
@@ -255,13 +157,13 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
             for path, copy in zip(run.rewards, _copies(directory, run).values(), strict=True):
                 with atomic_write(copy) as file:
                     file.write((path / _REWARD).read_bytes())
-            directory.write_config({"kind": "train", **run.to_json(), "setting": setting.to_json()})
+            directory.write_config({"kind": KIND, **run.to_json(), "setting": setting.to_json()})
         else:
-            directory.require_config({"kind": "train", **run.to_json()})
+            directory.require_config({"kind": KIND, **run.to_json()})
             if directory.summary.exists():
                 return _read_summary(directory.summary)
             _read_metrics(directory.metrics)
-        with _resumable(directory):
+        with resumable(directory, KIND):
             return _train(directory, run, setting, resume)
 
 
@@ -342,15 +244,6 @@ def _read_normalisers(path: Path) -> dict[str, dict[str, Any]]:
         require_normaliser(entry["return"], f"an entry of {path}", "remove the file")
     normalisers: dict[str, dict[str, Any]] = found
     return normalisers
-
-
-@contextmanager
-def _resumable(directory: RunDirectory) -> Iterator[None]:
-    """Add to what stopped a run how to go on with it."""
-    try:
-        yield
-    except (StorageError, OSError) as error:
-        raise StorageError(f"{error}; {how_to_resume(directory)}") from error
 
 
 def _primary_normalisers(

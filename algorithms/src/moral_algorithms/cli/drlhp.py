@@ -1,0 +1,125 @@
+"""``moral drlhp``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import arg
+
+from moral_algorithms import pipeline
+from moral_algorithms.cli.arguments import BaseCommand, Machine
+from moral_algorithms.cli.console import Console
+from moral_algorithms.learners.drlhp import DRLHPConfig
+from moral_algorithms.pipeline import DRLHPRun, TeacherConfig
+from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.storage import StorageError
+from moral_algorithms.worlds import WorldSpec
+
+_KIND = "drlhp"
+
+
+@dataclass(frozen=True)
+class Command(BaseCommand):
+    """DRLHP, the baseline: train an agent on a reward that is learned from pairwise preferences alone.
+
+    The run directory then holds the policy and the reward networks.
+
+    An interrupted run goes on from its last checkpoint with `moral drlhp --resume --out DIR`; its options are
+    those it was started with, of which only device, threads and tensorboard may be changed. No answered query
+    is lost or asked again.
+    """
+
+    out: Path
+    """Run directory."""
+    resume: bool = False
+    """Go on with the run in the run directory."""
+    preset: str = "fast"
+    """Defaults of all that follows: fast, or paper (the thesis's networks and hyperparameters)."""
+    world: str = "emergency"
+    """emergency or delivery."""
+    rules: dict[str, int] = field(default_factory=dict)
+    """Rules of the world that differ from its own, such as num_people 4 max_cycles 50."""
+    teacher: Annotated[TeacherConfig, arg(name="")] = field(default_factory=TeacherConfig)
+    seed: int = 0
+    """Seed of everything random."""
+    config: Annotated[DRLHPConfig, arg(name="")] = field(default_factory=DRLHPConfig)
+    machine: Annotated[Machine, arg(name="")] = field(default_factory=Machine)
+    tensorboard: bool = True
+    """Write TensorBoard's event files into the run directory."""
+
+    @classmethod
+    def defaults(cls, options: Sequence[str]) -> Command | None:
+        """When resumed, what the run was started with, else the preset."""
+        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        parser.add_argument("--resume", action="store_true")
+        parser.add_argument("--out", type=Path, nargs="?")
+        parser.add_argument("--preset", nargs="?", default="fast")
+        parser.add_argument("--world", nargs="?", default="emergency")
+        parser.add_argument("--rules", nargs="*", default=[])
+        early, _ = parser.parse_known_args(list(options))
+        if early.out is None:
+            # Without it nothing runs; the help shows the defaults of the dataclass.
+            return None
+        if not early.resume:
+            rules = _read_rules(early.rules)
+            if early.world is None or early.preset is None or rules is None:
+                return None
+            config = pipeline.drlhp_preset(early.preset, WorldSpec(early.world, rules))
+            return cls(out=early.out, preset=early.preset, config=config)
+        directory = RunDirectory(early.out)
+        run, setting = pipeline.read_drlhp_run(directory), pipeline.read_setting(directory, _KIND)
+        # An unknown device is the options' to refuse.
+        device: Any = setting.device
+        return cls(
+            out=early.out,
+            resume=True,
+            world=run.world.name,
+            rules=run.world.rules,
+            teacher=run.teacher,
+            seed=run.seed,
+            config=run.config,
+            machine=Machine(device, setting.threads),
+            tensorboard=setting.tensorboard,
+        )
+
+    @property
+    def hint(self) -> str:
+        """What is saved, and how to go on."""
+        directory = RunDirectory(self.out)
+        if not directory.config.exists():
+            return "nothing was started"
+        try:
+            answered = len(read_lines(directory.queries))
+        except StorageError as error:
+            return f"{error}"
+        how = pipeline.how_to_resume(directory, _KIND)
+        return f"{answered} of {self.config.queries} answers are saved; {how}"
+
+    def execute(self, console: Console) -> None:
+        """Do it."""
+        device = self.machine.prepare()
+        setting = pipeline.Setting(device, self.machine.threads, self.tensorboard, console.stage)
+        directory = RunDirectory(self.out)
+        finished = self.resume and directory.summary.exists()
+        run = DRLHPRun(WorldSpec(self.world, self.rules), self.teacher, self.seed, self.config)
+        if self.resume and not finished:
+            for warning in pipeline.changes_since_start(directory, _KIND, setting):
+                console.error(f"moral: warning: {warning}")
+        summary = pipeline.drlhp(directory, run, setting, self.resume)
+        if finished:
+            console.print(f"The run in {self.out} was finished before.")
+        console.objectives("last episodes", summary["objectives"])
+        console.print(f"Answers: {summary['queries']}")
+        console.print(f"The agent is in {self.out}; measure it with moral evaluate, see it with moral watch.")
+
+
+def _read_rules(words: Sequence[str]) -> dict[str, int] | None:
+    """Read names and numbers; None where they are malformed, which is the options' to refuse."""
+    try:
+        return {name: int(value) for name, value in zip(words[::2], words[1::2], strict=True)}
+    except ValueError:
+        return None

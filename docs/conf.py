@@ -28,7 +28,10 @@ myst_substitutions = {"planner": json.loads((_RESULTS / "delivery_planner.json")
 
 # A reference into this package that leads nowhere is a warning, and a warning fails the build.
 nitpicky = True
-nitpick_ignore_regex = [(r"py:.*", r"(?!moral_envs).*")]
+nitpick_ignore_regex = [
+    (r"py:.*", r"(?!moral_envs).*"),
+    (r"py:class", r"moral_envs\..*\.\w+T"),  # type variables
+]
 # What stands between single backticks in a docstring is linked if it is one of the module's own names.
 default_role = "py:obj"
 

@@ -17,7 +17,14 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0, layouts, windy_wall_v0
+from moral_envs import (
+    burning_warehouse_v0,
+    delivery_v0,
+    emergency_v0,
+    layouts,
+    noisy_constraint_v0,
+    windy_wall_v0,
+)
 from moral_envs.play import Game
 from moral_envs.rendering import draw_icon, draw_rgb
 from moral_envs.streams import spawn_streams
@@ -36,6 +43,7 @@ def pictures() -> dict[str, Picture]:
         "delivery_v0": _start(delivery_v0, 2),
         "burning_warehouse_v0": _start(burning_warehouse_v0, 4),
         "windy_wall_v0": _start(windy_wall_v0, 0),
+        "noisy_constraint_v0": _start(noisy_constraint_v0, 0),
         "several_agents": _start(delivery_v0, 2, num_agents=4),
         "view_radius": _start(delivery_v0, 2, num_agents=2, view_radius=3),
         "layouts": _layouts(),

@@ -48,10 +48,11 @@ def test_a_page_that_shows_something_else_fails(
 
 def test_every_world_has_a_page_with_its_docstring() -> None:
     index = (pages.DOCS / "index.md").read_text(encoding="utf-8")
-    for module in moral_envs.__all__:
+    worlds = [module for module in moral_envs.__all__ if module.endswith("_v0")]
+    for module in worlds:
         page = f"worlds/{module.removesuffix('_v0')}"
         assert f"<!-- docstring of moral_envs.{module} -->" in (pages.DOCS / f"{page}.md").read_text()
         assert f"]({page}.md)" in index
     ids = [env_id for env_id in gymnasium.registry if env_id.startswith("moral/")]
-    assert len(ids) == len(moral_envs.__all__)
+    assert len(ids) == len(worlds)
     assert all(f"`{env_id}`" in index for env_id in ids)

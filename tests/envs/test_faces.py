@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
+import pickle
+import re
+from copy import deepcopy
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,10 +21,10 @@ from numpy.typing import NDArray
 
 from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0, windy_wall_v0
 from moral_envs.engine import Engine
-from moral_envs.faces import GridAECEnv, GridEnv, GridParallelEnv, GridVectorEnv
+from moral_envs.faces import Faces, GridAECEnv, GridEnv, GridParallelEnv, GridVectorEnv
 from moral_envs.layouts import Layout
 from moral_envs.streams import spawn_streams
-from moral_envs.world import NUM_ACTIONS, World
+from moral_envs.world import NUM_ACTIONS, Effect, World
 from tests.envs.worlds import agent_rewards, small_worlds
 
 Actions = NDArray[np.int64]
@@ -586,3 +591,144 @@ def test_a_horizon_of_one_step_resets_at_every_step() -> None:
     waiting.reset(seed=0)
     truncations = [waiting.step([4, 4])[3].tolist() for _ in range(4)]
     assert truncations == [[True, True], [False, False]] * 2
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_partial_reset_in_mid_episode_touches_no_other_environment(mode: AutoresetMode) -> None:
+    """Once episodes have ended and been reset, their ends are forgotten."""
+    env = emergency_v0.vector_env(2, max_cycles=3, autoreset_mode=mode)
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step([4, 4])
+    if mode == AutoresetMode.NEXT_STEP:
+        env.step([4, 4])
+    elif mode == AutoresetMode.DISABLED:
+        env.reset()
+    env.step([4, 4])
+    env.reset(options={"reset_mask": np.array([True, False])})
+    env.step([4, 4])
+    np.testing.assert_array_equal(env.engine.elapsed, [1, 2])
+
+
+def test_the_rewards_of_an_only_agent_lie_in_their_space() -> None:
+    env = delivery_v0.vector_env(3, agent_rewards=[["vase", "help"]])
+    env.reset(seed=0)
+    rewards = env.step([0, 1, 2])[1]
+    assert env.reward_space.shape == (4,)
+    assert all(env.reward_space.contains(row) for row in rewards)
+
+
+@pytest.mark.parametrize("num_agents", [1, 7, 16])
+def test_the_sum_of_a_teams_rewards_lies_in_their_space(num_agents: int) -> None:
+    """Neither 0.1 nor its multiples are exact in float32."""
+    world = World("w", 6, 6, 3, ("time",), ("steps",), (), on_step=Effect("time", -0.1, "steps"))
+    env = GridParallelEnv(world, num_agents, team_reward=True)
+    env.reset(seed=0)
+    rewards = env.step(dict.fromkeys(env.agents, 4))[1]
+    assert env.reward_space("agent_0").contains(rewards["agent_0"])
+    assert rewards["agent_0"] == pytest.approx([-0.1 * num_agents])
+
+
+MODULES = [emergency_v0, delivery_v0, burning_warehouse_v0, windy_wall_v0]
+FACES = {
+    "parallel_env": GridParallelEnv,
+    "env": GridAECEnv,
+    "single_env": GridEnv,
+    "vector_env": GridVectorEnv,
+}
+
+
+@pytest.mark.parametrize("make", FACES)
+@pytest.mark.parametrize("module", MODULES)
+def test_help_shows_all_that_a_function_takes(module: Any, make: str) -> None:
+    function = getattr(module, make)
+    assert (function.__module__, function.__qualname__) == (module.__name__, make)
+    assert pickle.loads(pickle.dumps(function)) is function  # noqa: S301
+    shown = inspect.signature(function)
+    rules = inspect.signature(module.world).parameters
+    assert list(shown.parameters)[-len(rules) :] == list(rules)
+    for name, rule in rules.items():
+        assert shown.parameters[name].default == rule.default
+        assert shown.parameters[name].kind is inspect.Parameter.KEYWORD_ONLY
+    assert not any(given.kind is inspect.Parameter.VAR_KEYWORD for given in shown.parameters.values())
+    assert issubclass(shown.return_annotation, FACES[make])
+    parameters, returns = inspect.getdoc(function).split("\n\nReturns\n-------\n")
+    described = re.findall(r"^(\w[\w, ]*)$", parameters.split("Parameters\n----------\n")[1], re.MULTILINE)
+    assert ", ".join(described).split(", ") == list(shown.parameters)
+    assert "float32" in returns
+    env = function(**{name: given.default for name, given in shown.parameters.items()})
+    assert isinstance(env, shown.return_annotation)
+
+
+def test_the_rules_of_a_new_world_are_shown_as_they_are() -> None:
+    def world(num_people: int, **more: Any) -> World:
+        return emergency_v0.world(num_people=num_people, **more)
+
+    own = Faces(world)
+    assert list(inspect.signature(own.single_env).parameters) == [
+        "render_mode",
+        "view_radius",
+        "num_people",
+        "more",
+    ]
+    assert own.single_env(num_people=2, max_cycles=3).engine.world.horizon == 3
+    part = Faces(partial(emergency_v0.world, 5))
+    assert part.vector_env(2).engine.world.height == 5
+
+
+def test_a_worlds_own_class_comes_from_its_own_function() -> None:
+    assert inspect.signature(emergency_v0.single_env).return_annotation is emergency_v0.EmergencyEnv
+    assert isinstance(emergency_v0.single_env(), emergency_v0.EmergencyEnv)
+
+
+def test_every_face_shows_its_engine_and_what_its_agents_are_paid() -> None:
+    arguments: dict[str, Any] = {"num_agents": 2, "agent_rewards": [["vase", "deliver"], ["help"]]}
+    aec, vector = delivery_v0.env(**arguments), delivery_v0.vector_env(3, **arguments)
+    assert aec.engine is aec.parallel.engine
+    # In the world's order, whatever the order of the names.
+    assert vector.agent_reward_names == (("deliver", "vase"), ("help",))
+    assert tuple(aec.agent_reward_names.values()) == vector.agent_reward_names
+    assert emergency_v0.vector_env(3).agent_reward_names == (("extinguish", "save"),)
+
+
+def _start(env: Any) -> bytes:
+    result = env.reset()
+    if result is None:
+        return bytes(env.observe("agent_0"))
+    observations = result[0]
+    return bytes(observations["agent_0"] if isinstance(observations, dict) else observations)
+
+
+@pytest.mark.parametrize("make", FACES)
+def test_copies_of_an_environment_that_nobody_has_seeded_differ(make: str) -> None:
+    """As do those in processes that a fork has made."""
+    env = getattr(delivery_v0, make)()
+    copies = [deepcopy(env), pickle.loads(pickle.dumps(env)), env]  # noqa: S301
+    assert len({_start(copied) for copied in copies}) == 3
+
+
+@pytest.mark.parametrize("make", FACES)
+def test_copies_of_an_environment_that_has_started_go_on_alike(make: str) -> None:
+    env = getattr(delivery_v0, make)()
+    _start(env)
+    assert len({_start(copied) for copied in (deepcopy(env), env)}) == 1
+
+
+def test_partial_resets_give_each_environment_entropy_once() -> None:
+    env = delivery_v0.vector_env(2)
+    env.reset(options={"reset_mask": np.array([True, False])})
+    streams = env.engine.streams
+    env.reset(options={"reset_mask": np.array([False, True])})
+    assert env.engine.streams[0] == streams[0]
+    copied = deepcopy(env)
+    np.testing.assert_array_equal(copied.reset()[0], env.reset()[0])
+
+
+def test_pettingzoo_takes_all_that_is_an_index() -> None:
+    parallel, aec = delivery_v0.parallel_env(2), delivery_v0.env(2)
+    parallel.reset(seed=1)
+    aec.reset(seed=1)
+    observations = parallel.step({"agent_0": np.uint8(1), "agent_1": np.array(3)})[0]
+    aec.step(np.uint8(1))
+    aec.step(np.array(3))
+    np.testing.assert_array_equal(aec.observe("agent_1"), observations["agent_1"])

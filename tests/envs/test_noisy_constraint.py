@@ -48,6 +48,13 @@ def decide(
     return np.concatenate([envs.step(np.full(num, action))[1] for _ in range(episodes)])
 
 
+def started(num: int) -> NoisyConstraintVectorEnv:
+    """A batch whose first episodes have begun."""
+    envs = noisy_constraint_v0.vector_env(num)
+    envs.reset(seed=0)
+    return envs
+
+
 # The rules.
 
 
@@ -295,7 +302,7 @@ def test_pettingzoo_and_momaland_accept_the_faces(noise: float) -> None:
     parallel_seed_test(parallel, num_cycles=100)
     seed_test(aec, num_cycles=100)
     mo_api_test(aec(), num_cycles=100)
-    parallel_api_test(mo_aec_to_parallel(aec()).aec_env._parallel, num_cycles=100)
+    parallel_api_test(mo_aec_to_parallel(aec()), num_cycles=100)
     weights = {"agent_0": np.array([0.3, 0.7])}
     api_test(parallel_to_aec(parallel_wrappers.LinearizeReward(parallel(), weights)), num_cycles=100)
 
@@ -438,9 +445,29 @@ def test_an_impossible_argument_is_refused(make: Any, arguments: dict[str, Any],
 
 
 @pytest.mark.parametrize(
+    ("name", "own"),
+    [
+        ("single_env", "render_mode"),
+        ("vector_env", "num_envs, render_mode, autoreset_mode"),
+        ("parallel_env", "render_mode"),
+        ("env", "render_mode"),
+    ],
+)
+def test_an_unknown_argument_is_refused_with_those_there_are(name: str, own: str) -> None:
+    with pytest.raises(TypeError) as caught:
+        FACES[name](noise=0.1, view_radius=2)
+    known = f"{own}, rewards, costs, noise"
+    assert str(caught.value) == f"{name}() has no argument 'view_radius'; it must be one of {known}"
+
+
+@pytest.mark.parametrize(
     ("call", "match"),
     [
         (lambda: noisy_constraint_v0.vector_env(0), r"^num_envs is 0; it must be at least 1$"),
+        (
+            lambda: noisy_constraint_v0.vector_env(2.0),
+            r"^num_envs is 2.0; it must be an integer, at least 1$",
+        ),
         (
             lambda: noisy_constraint_v0.vector_env(autoreset_mode="never"),
             r"^autoreset_mode is 'never'; .*Next",
@@ -450,14 +477,14 @@ def test_an_impossible_argument_is_refused(make: Any, arguments: dict[str, Any],
             lambda: noisy_constraint_v0.vector_env(2).reset(options={"reset_mask": [1, 0]}),
             r"^options\['reset_mask'\] is int64 \(2,\); it must be bool \(2,\)$",
         ),
-        (lambda: noisy_constraint_v0.vector_env(2).step([1]), r"^actions have shape \(1,\); .* \(2,\)$"),
-        (lambda: noisy_constraint_v0.vector_env(2).step([1, 2]), r"^actions contain 2; an action is 0 to 1$"),
+        (lambda: started(2).step([1]), r"^actions have shape \(1,\); .* \(2,\)$"),
+        (lambda: started(2).step([1, 2]), r"^actions contain 2; an action is 0 to 1$"),
         (
-            lambda: noisy_constraint_v0.vector_env(2).step([-1, 1]),
+            lambda: started(2).step([-1, 1]),
             r"^actions contain -1; an action is 0 to 1$",
         ),
         (
-            lambda: noisy_constraint_v0.vector_env(2).step([0.0, 1.0]),
+            lambda: started(2).step([0.0, 1.0]),
             r"^actions have dtype float64; .*integers$",
         ),
         (lambda: success_probability(0.5, -1.0), r"^noise is -1.0; it must be 0 or more$"),
@@ -504,3 +531,27 @@ def test_a_step_outside_an_episode_is_refused() -> None:
         parallel.step({"agent_0": 0})
         aec.step(0)
         aec.step(None)
+
+
+@each_mode
+def test_a_batch_refuses_a_step_before_its_first_episode(mode: AutoresetMode) -> None:
+    envs = noisy_constraint_v0.vector_env(2, autoreset_mode=mode)
+    with pytest.raises(ValueError, match=r"^actions were given before the first episode; call reset first$"):
+        envs.step([0, 1])
+    envs.reset(seed=0)
+    assert envs.step([0, 1])[2].tolist() == [True, True]
+
+
+def test_an_unknown_agent_and_what_is_no_dict_are_refused() -> None:
+    parallel, aec = FACES["parallel_env"](), FACES["env"]()
+    with pytest.raises(ValueError, match=r"^last was called outside an episode; call reset first$"):
+        aec.last()
+    for env in (parallel, aec):
+        env.reset()
+        for method in ("observation_space", "action_space", "reward_space"):
+            with pytest.raises(ValueError, match=r"^agent is 'agent_1'; it must be one of \['agent_0'\]$"):
+                getattr(env, method)("agent_1")
+    with pytest.raises(ValueError, match=r"^agent is 'agent_1'; "):
+        aec.observe("agent_1")
+    with pytest.raises(ValueError, match=r"^actions are \[0\]; they must be a dict with one for each agent$"):
+        parallel.step([0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -340,7 +340,7 @@ def altered(plane: int, cell: Cell, value: int) -> Starts:
         (altered(0, (1, 2), 1), "starts[1] has its person in a wall"),
         (altered(0, (1, 4), 1), "starts[1] has its extinguisher in a wall"),
         (altered(2, (1, 3), 1), "starts[1] has not 1 people"),
-        (random_starts(seed=0, n=1, people=13), "starts have 13 people; expected at most 12"),
+        (random_starts(seed=0, n=1, people=13), "starts have 13 people; it must be at most 12"),
     ],
 )
 def test_what_is_no_start_is_refused_in_one_line(starts: Starts, message: str) -> None:
@@ -349,10 +349,27 @@ def test_what_is_no_start_is_refused_in_one_line(starts: Starts, message: str) -
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("weights", [(1, -0.1), (0, 0), (np.nan, 1), (np.inf, 1), (1, 1, 1), 1])
+@pytest.mark.parametrize("horizon", [7.5, "a", None, np.array([3, 4]), [5], True])
+def test_what_is_no_horizon_is_refused(starts: Starts, horizon: Any) -> None:
+    for call in (optimal.pareto_fronts, optimal.coverage_set, optimal.discounted_coverage_set):
+        with pytest.raises(ValueError, match=r"^horizon is [^\n]+; it must be an integer, at least 0$"):
+            call(starts[:1], horizon)
+
+
+@pytest.mark.parametrize("what", ["a", None, {"a": 1}, [[1], [1, 2]], np.full((1, 4, 8, 8), None)])
+def test_what_is_no_array_of_planes_is_refused(what: Any) -> None:
+    with pytest.raises(ValueError, match=r"^starts (is|has) [^\n]+; it must be [^\n]+$"):
+        optimal.pareto_fronts(what, 5)
+    with pytest.raises(ValueError, match=r"^starts? (is|has) [^\n]+; it must be [^\n]+$"):
+        optimal.optimal_actions(what, 5, 0)
+
+
+@pytest.mark.parametrize(
+    "weights", [(1, -0.1), (0, 0), (np.nan, 1), (np.inf, 1), (1, 1, 1), 1, {"save": 1}, "ab", None]
+)
 def test_impossible_weights_are_refused(starts: Starts, weights: npt.ArrayLike) -> None:
     with pytest.raises(ValueError, match=r"^weights "):
-        optimal.best_returns(starts[:1], 5, weights)
+        optimal.best_returns(starts[:1], 5, weights)  # type: ignore[arg-type]
 
 
 def test_impossible_horizons_people_and_shapes_are_refused(starts: Starts) -> None:
@@ -360,8 +377,8 @@ def test_impossible_horizons_people_and_shapes_are_refused(starts: Starts) -> No
         optimal.pareto_fronts(starts[:1], -1)
     with pytest.raises(ValueError, match=r"^horizon is -1; "):
         optimal.optimal_actions(starts[0], -1, 0)
-    for people_saved in (-1, 7):
-        with pytest.raises(ValueError, match=rf"^people_saved is {people_saved}; "):
-            optimal.optimal_actions(starts[0], FULL_HORIZON, people_saved)
+    for people_saved in (-1, 7, 2.5, "a", None):
+        with pytest.raises(ValueError, match=rf"^people_saved is {people_saved!r}; it must be 0 to 6"):
+            optimal.optimal_actions(starts[0], FULL_HORIZON, people_saved)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"^start has shape \(1, 4, 8, 8\); "):
         optimal.optimal_actions(starts[:1], FULL_HORIZON, 0)

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0, optimal
+from moral_envs import burning_warehouse_v0, delivery_v0, discounted, emergency_v0, optimal
 from moral_envs.layouts import Layout
 from moral_envs.world import Effect, World
 from tests.envs.test_optimal import (
@@ -178,7 +178,7 @@ def test_a_batch_is_worked_off_in_chunks(starts: Starts, monkeypatch: pytest.Mon
         mean = np.mean([(single @ weights).max() for single in singles])
         assert (whole @ weights).max() == pytest.approx(mean, abs=TOLERANCE)
     # Three starts to a chunk leave a last chunk of one.
-    monkeypatch.setattr(optimal, "_DISCOUNTED_CHUNK_STATES", 3 * 2**6 * 64)
+    monkeypatch.setattr(discounted, "_CHUNK_STATES", 3 * 2**6 * 64)
     np.testing.assert_array_equal(optimal.discounted_coverage_set(few, 30, 0.95), whole)
 
 
@@ -241,17 +241,16 @@ def dearer_people() -> World:
     ("world", "message"),
     [
         (delivery_v0.world(), "objects is ('deliveries', 'people', 'pollution', 'vases') in delivery_v0; "),
-        (burning_warehouse_v0.world(), "pickup is 'enter' in burning_warehouse_v0; expected 'interact', "),
-        (emergency_v0.world(pickup="enter"), "pickup is 'enter' in emergency_v0; expected 'interact', "),
-        (emergency_v0.world(walk=0.25), "walk is 0.25 in emergency_v0; expected 0.0, "),
+        (burning_warehouse_v0.world(), "pickup is 'enter' in burning_warehouse_v0; it must be 'interact', "),
+        (emergency_v0.world(pickup="enter"), "pickup is 'enter' in emergency_v0; it must be 'interact', "),
+        (emergency_v0.world(walk=0.25), "walk is 0.25 in emergency_v0; it must be 0.0, "),
         (
             dearer_people(),
             "on_interact is Effect(reward='save', amount=2.0, objective='people_saved') in emergency_v0; ",
         ),
         (replace(emergency_v0.world(), fixture=None), "on_stand is None in emergency_v0; "),
         (replace(emergency_v0.world(), slip=0.1), "slip is 0.1 in emergency_v0; "),
-        (replace(emergency_v0.world(), num_actions=5), "num_actions is 5 in emergency_v0; "),
-        (emergency_v0.world(num_people=13), "num_people is 13; expected at most 12, "),
+        (emergency_v0.world(num_people=13), "num_people is 13; it must be at most 12, "),
         (
             emergency_v0.world().in_layout(Layout(counts={"people": (2, 4)})),
             "layout draws people from (2, 4); ",
@@ -270,8 +269,30 @@ def test_worlds_whose_optimum_is_unknown_are_refused(world: World, message: str)
 def test_impossible_numbers_of_starts_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^num_starts is 0; "):
         optimal.seeded_starts(emergency_v0.world(), num_starts=0)
+    with pytest.raises(ValueError, match=r"^num_starts is 2.5; it must be an integer, at least 1$"):
+        optimal.seeded_starts(emergency_v0.world(), 2.5)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"^seed is -1; "):
         optimal.seeded_starts(emergency_v0.world(), seed=-1)
+
+
+def test_a_module_is_no_world() -> None:
+    message = r"^world is <module .*>; it must be a World, as emergency_v0.world\(\) returns it$"
+    with pytest.raises(ValueError, match=message):
+        optimal.seeded_starts(emergency_v0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("gamma", ["x", "0.5", None, np.ones(2), np.nan, -0.1, 1.01])
+def test_what_is_no_discount_is_refused(gamma: Any, starts: Starts) -> None:
+    with pytest.raises(ValueError, match=r"^gamma is [^\n]+; it must be a discount from 0 to 1$"):
+        optimal.discounted_coverage_set(starts[:1], 5, gamma)
+
+
+def test_a_discount_may_be_of_any_kind_of_number(starts: Starts) -> None:
+    for gamma in (np.float64(0.5), np.float32(0.5)):
+        found = optimal.discounted_coverage_set(starts[:1], 5, gamma)
+        np.testing.assert_array_equal(found, optimal.discounted_coverage_set(starts[:1], 5, 0.5))
+    whole = optimal.discounted_coverage_set(starts[:1], 5)
+    np.testing.assert_array_equal(optimal.discounted_coverage_set(starts[:1], 5, 1), whole)
 
 
 def test_hypervolume_of_stairs() -> None:
@@ -319,9 +340,12 @@ def test_the_hypervolume_of_the_set_grows_with_the_discount(starts: Starts) -> N
 @pytest.mark.parametrize(
     ("points", "reference", "message"),
     [
-        ([[1.0, 2.0, 3.0]], (0, 0), "points has shape (1, 3); expected (m, 2)"),
-        ([1.0, 2.0], (0, 0), "points has shape (2,); expected (m, 2)"),
+        ([[1.0, 2.0, 3.0]], (0, 0), "points has shape (1, 3); it must be (m, 2)"),
+        ([1.0, 2.0], (0, 0), "points has shape (2,); it must be (m, 2)"),
         ([[1.0, 2.0], [np.nan, 1.0]], (0, 0), "points[1] is [nan, 1.0]; "),
+        ("a", (0, 0), "points is 'a'; it must be an array of "),
+        ([[1.0, 2.0], [3.0]], (0, 0), "points is [[1.0, 2.0], [3.0]]; it must be "),
+        ([[1.0, 2.0]], None, "reference is nan; it must be two finite "),
         ([[1.0, np.inf]], (0, 0), "points[0] is [1.0, inf]; "),
         ([[1.0, 2.0]], (0, 0, 0), "reference is [0.0, 0.0, 0.0]; "),
         ([[1.0, 2.0]], (0, np.nan), "reference is [0.0, nan]; "),

@@ -315,6 +315,12 @@ def test_what_is_no_start_is_refused_in_one_line(starts: Starts, message: str) -
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ({"horizon": "a"}, "horizon is 'a'; it must be an integer, at least 0"),
+        ({"horizon": 2.5}, "horizon is 2.5; it must be an integer, at least 0"),
+        ({"horizon": None}, "horizon is None; it must be an integer, at least 0"),
+        ({"beam_width": 1.5}, "beam_width is 1.5; it must be an integer, at least 1"),
+        ({"iterations": "x"}, "iterations is 'x'; it must be an integer, at least 0"),
+        ({"weights": {"vase": 1}}, "weights is {'vase': 1}; it must be an array of numbers"),
         ({"horizon": -1}, "horizon is -1; it must be at least 0"),
         ({"beam_width": 0}, "beam_width is 0; it must be at least 1"),
         ({"iterations": -1}, "iterations is -1; it must be at least 0"),

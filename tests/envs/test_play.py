@@ -258,6 +258,45 @@ def test_the_end_of_the_input_ends_the_game(
     assert "The episode is over: step 75 of 75." in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("options", "legend"),
+    [
+        (["--num-agents", "2"], "0-1 agent, P people, E extinguisher"),
+        (["--num-agents", "16", "--layout", "random"], "0-f agent, P people, E extinguisher"),
+        (["--view-radius", "1"], "A agent, P people, E extinguisher, : out of sight"),
+    ],
+)
+def test_the_legend_names_what_there_is(
+    options: list[str], legend: str, typed: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed("")
+    assert main([*options, "--render", "ansi"]) == 0
+    printed = capsys.readouterr().out
+    assert legend in printed.splitlines()
+    frame = "".join(line[:24] for line in printed.splitlines()[2:10])
+    # With one agent inside the room, nine of the 64 cells are in sight.
+    assert frame.count(":") == (55 if "--view-radius" in options else 0)
+
+
+def test_the_key_for_the_end_of_the_input_ends_the_game(
+    typed: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed("  \x04  ")
+    assert main(["--render", "ansi"]) == 0
+    printed = capsys.readouterr().out
+    assert "step 2 of 75" in printed
+    assert "step 3 of 75" not in printed
+
+
+@pytest.mark.parametrize(("world", "name"), [("moral/Delivery-v0", "delivery_v0"), ("windy_wall_v0",) * 2])
+def test_a_world_is_chosen_by_name_or_id(
+    world: str, name: str, typed: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed("q")
+    assert main(["--world", world, "--render", "ansi"]) == 0
+    assert capsys.readouterr().out.startswith(f"{name}, step 0 of ")
+
+
 @pytest.mark.parametrize(("columns", "beside"), [("80", True), ("40", False)])
 def test_tables_stand_where_there_is_room(
     columns: str,
@@ -275,7 +314,10 @@ def test_tables_stand_where_there_is_room(
     assert max(map(len, lines)) <= int(columns)
 
 
-def test_a_real_terminal_gives_single_keys_and_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("last", [b"q", b"\x04"])
+def test_a_real_terminal_gives_single_keys_and_is_left_as_it_was(
+    last: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
     termios = pytest.importorskip("termios")
     master, slave = os.openpty()
     before = termios.tcgetattr(slave)
@@ -283,7 +325,7 @@ def test_a_real_terminal_gives_single_keys_and_is_left_as_it_was(monkeypatch: py
 
     def draw_and_type(game: Game) -> None:
         drawn.append(game.panel.steps)
-        os.write(master, b"\x1b[A" if len(drawn) < 3 else b"q")
+        os.write(master, b"\x1b[A" if len(drawn) < 3 else last)
 
     with os.fdopen(slave, "r") as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
@@ -349,6 +391,8 @@ def test_help_names_the_worlds() -> None:
     [
         (["--world", "nowhere_v0"], "--world nowhere_v0 is not a world; choose from"),
         (["--world", "noisy_constraint_v0"], "--world noisy_constraint_v0 has no grid to play on; choose"),
+        (["--world", "moral/NoisyConstraint-v0"], "NoisyConstraint-v0 has no grid to play on; choose"),
+        (["--world", "CartPole-v1"], "--world CartPole-v1 is not a world; choose from"),
         (["--seed", "one"], "--seed"),
         (["--seed", "-1"], "seed is -1; it must be at least 0"),
         (["--num-agents", "17"], "num_agents is 17; it must be 1 to 16"),

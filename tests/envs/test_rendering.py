@@ -85,6 +85,18 @@ def test_text_numbers_up_to_sixteen_agents() -> None:
     assert all(text.count(digit) == 1 for digit in "0123456789abcdef")
 
 
+@pytest.mark.parametrize("radius", [1, 2, 7])
+def test_text_marks_the_cells_that_no_agent_sees_and_nothing_else(radius: int) -> None:
+    planes, agents = scene(EMERGENCY, {0: [(1, 2), (5, 5)]}), at((1, 1), (4, 6))
+    plain = draw_ansi(EMERGENCY, planes, agents).splitlines()
+    marked = draw_ansi(EMERGENCY, planes, agents, radius).splitlines()
+    for row in range(8):
+        for column in range(8):
+            seen = any(abs(np.array([row, column]) - agent).max() <= radius for agent in agents)
+            cell = plain[row][3 * column : 3 * column + 3]
+            assert marked[row][3 * column : 3 * column + 3] == (cell if seen else ":" + cell[1:])
+
+
 @pytest.mark.parametrize("tile", TILES)
 @pytest.mark.parametrize("world", [EMERGENCY, DELIVERY], ids=lambda world: str(world.name))
 def test_an_image_has_the_promised_size(world: World, tile: int) -> None:
@@ -97,8 +109,11 @@ def test_an_image_has_the_promised_size(world: World, tile: int) -> None:
 def test_every_kind_of_thing_looks_different_even_without_colour(tile: int) -> None:
     effect = Effect("a", 1.0, "b")
     patterns: tuple[Pattern, ...] = get_args(Pattern)
-    kinds = tuple(ObjectKind(pattern, 1, pattern, "x", effect) for pattern in patterns)
-    world = World("all", 4, 12, 5, ("a",), ("b",), kinds, Fixture("goal", "extinguisher", "E", effect))
+    kinds = tuple(
+        ObjectKind(pattern, 1, pattern, symbol, effect)
+        for pattern, symbol in zip(patterns, "uvwxyz", strict=True)
+    )
+    world = World("all", 4, 12, 5, ("a",), ("b",), kinds, Fixture("fixture", "extinguisher", "E", effect))
     planes = scene(world, {number: [(1, 1 + number)] for number in range(len(kinds))})
     agent = draw_rgb(world, planes, at((2, 1)), tile)
     looks = {pattern: cell(agent, 1, 1 + number, tile) for number, pattern in enumerate(patterns)}

@@ -38,13 +38,15 @@ def custom_worlds(draw: st.DrawFn, max_agents: int, random: bool) -> World:
     cells = [(row, column) for row in range(1, height - 1) for column in range(1, width - 1)]
     walls = draw(st.lists(st.sampled_from(cells), max_size=len(cells) - max_agents - 1, unique=True))
     room = len(cells) - len(walls) - max_agents - 1
+    num_actions = draw(st.sampled_from([4, 5, 9]))
+    interactions = st.none() | effects if num_actions == 9 else st.none()
     kinds = []
     for number in range(draw(st.integers(0, 4))):
         count = draw(st.integers(0, min(room, 6)))
         room -= count
-        on_interact, on_enter = draw(st.none() | effects), draw(st.none() | effects)
+        on_interact, on_enter = draw(interactions), draw(st.none() | effects)
         walks = draw(chances) if random else 0.0
-        kinds.append(ObjectKind(f"kind{number}", count, "box", "x", on_interact, on_enter, walks))
+        kinds.append(ObjectKind(f"kind{number}", count, "box", "wxyz"[number], on_interact, on_enter, walks))
     free = st.sampled_from(sorted({*cells} - {*walls}))
     fixtures = st.builds(
         lambda effect, cell, ends: Fixture("fixture", "extinguisher", "E", effect, cell, ends),
@@ -65,7 +67,7 @@ def custom_worlds(draw: st.DrawFn, max_agents: int, random: bool) -> World:
         start=draw(st.sampled_from(["random", "corner"])),
         slip=draw(chances) if random else 0.0,
         on_step=draw(st.none() | effects),
-        num_actions=draw(st.sampled_from([4, 5, 9])),
+        num_actions=num_actions,
     )
 
 

@@ -6,12 +6,24 @@ from moral_envs import (
     burning_warehouse_v0,
     delivery_v0,
     emergency_v0,
+    layouts,
     noisy_constraint_v0,
+    optimal,
+    planning,
     windy_wall_v0,
 )
 
 __version__ = "0.1.0"
-__all__ = ["burning_warehouse_v0", "delivery_v0", "emergency_v0", "noisy_constraint_v0", "windy_wall_v0"]
+__all__ = [
+    "burning_warehouse_v0",
+    "delivery_v0",
+    "emergency_v0",
+    "layouts",
+    "noisy_constraint_v0",
+    "optimal",
+    "planning",
+    "windy_wall_v0",
+]
 
 for _name, _module in (
     ("Emergency", "emergency_v0"),
@@ -27,3 +39,5 @@ for _name, _module in (
         vector_entry_point=f"moral_envs.{_module}:vector_env",
         disable_env_checker=True,
     )
+
+del _name, _module

@@ -121,7 +121,23 @@ def world(
     walk: float = 1.0,
     layout: Layout | str | None = None,
 ) -> World:
-    """Burning Warehouse's rules as data: :func:`moral_envs.emergency_v0.world` with other defaults."""
+    """Burning Warehouse's rules as data: :func:`moral_envs.emergency_v0.world` with other defaults.
+
+    Parameters
+    ----------
+    height, width
+        Size in cells, the border wall included.
+    num_people
+        People at the start of an episode.
+    max_cycles
+        Steps after which an episode truncates.
+    pickup
+        How people are saved: by interacting with their cell, or by moving onto it.
+    walk
+        Chance, at every step, that a person moves in a random direction.
+    layout
+        See :meth:`~moral_envs.world.World.in_layout`.
+    """
     rules = emergency_v0.world(height, width, num_people, max_cycles, pickup, walk, layout)
     return replace(rules, name="burning_warehouse_v0")
 

@@ -73,7 +73,6 @@ All faces take:
 - `num_deliveries`, `num_people`, `num_pollution` (default 12 each) and `num_vases` (default 8): objects
   of each kind at the start of an episode.
 - `max_cycles` (default 50): steps of an episode.
-
 - `layout` (default `None`): draws rooms anew for each episode, or a floor plan, by name or as a
   `moral_envs.layouts.Layout`.
 - `view_radius` (default `None`): how many cells an agent sees in each direction; observations then have

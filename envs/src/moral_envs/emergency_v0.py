@@ -64,7 +64,6 @@ All faces take:
 - `walk` (default 0): chance, at every step, that a person moves in a random direction once the agents have
   acted. Walls, agents and other people block it. Burning Warehouse is this world with `pickup="enter"`,
   `walk=1` and longer episodes.
-
 - `layout` (default `None`): draws rooms anew for each episode, or a floor plan, by name or as a
   `moral_envs.layouts.Layout`.
 - `view_radius` (default `None`): how many cells an agent sees in each direction; observations then have
@@ -108,9 +107,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moral_envs import optimal
+from moral_envs.arguments import is_chance
 from moral_envs.faces import Faces, GridEnv
 from moral_envs.layouts import Layout
-from moral_envs.world import Effect, Fixture, ObjectKind, World, is_chance
+from moral_envs.world import Effect, Fixture, ObjectKind, World
 
 __all__ = ["EmergencyEnv", "env", "parallel_env", "single_env", "vector_env", "world"]
 

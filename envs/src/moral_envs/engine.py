@@ -28,10 +28,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from moral_envs.arguments import require_bool, require_integer
 from moral_envs.outcomes import FIRST_OBJECT, FREE, WALL, OutcomeTables
 from moral_envs.placement import Placer
 from moral_envs.streams import draw_integers, spawn_streams
-from moral_envs.world import NUM_ACTIONS, NUM_MOVES, World, is_integer
+from moral_envs.world import NUM_ACTIONS, NUM_MOVES, World
 
 MAX_AGENTS = 16
 
@@ -69,8 +70,8 @@ class Engine:
     view_radius
         How many cells an agent sees in each direction. None: the whole grid.
     agent_rewards
-        For each agent the names of the reward components that it is paid; the others are zero for it. None:
-        all are paid all.
+        For each agent the names of the reward components that it is paid; the others are zero for it.
+        Reward vectors keep the world's order, whatever the order of the names. None: all are paid all.
 
     Raises
     ------
@@ -87,14 +88,14 @@ class Engine:
         view_radius: int | None = None,
         agent_rewards: Sequence[Sequence[str]] | None = None,
     ) -> None:
-        if not is_integer(num_envs, least=1):
-            raise ValueError(f"num_envs is {num_envs!r}; it must be at least 1")
-        if not is_integer(num_agents, least=1) or num_agents > MAX_AGENTS:
-            raise ValueError(f"num_agents is {num_agents!r}; it must be 1 to {MAX_AGENTS}")
-        if view_radius is not None and not is_integer(view_radius, least=1):
-            raise ValueError(
-                f"view_radius is {view_radius!r}; it must be at least 1, or None for the whole grid"
-            )
+        num_envs = require_integer("num_envs", num_envs, 1, "at least 1")
+        num_agents = require_integer("num_agents", num_agents, 1, f"1 to {MAX_AGENTS}")
+        if num_agents > MAX_AGENTS:
+            raise ValueError(f"num_agents is {num_agents}; it must be 1 to {MAX_AGENTS}")
+        team_reward = require_bool("team_reward", team_reward)
+        if view_radius is not None:
+            wanted = "at least 1, or None for the whole grid"
+            view_radius = require_integer("view_radius", view_radius, 1, wanted)
         self.world = world
         self.num_envs = num_envs
         self.num_agents = num_agents
@@ -102,7 +103,10 @@ class Engine:
         self.view_radius = view_radius
         self.agent_rewards = _require_agent_rewards(agent_rewards, world, num_agents)
         self._arguments = (world, num_envs, num_agents, team_reward, view_radius, agent_rewards)
+        self.action_shape: tuple[int, ...] = (num_envs, num_agents)
+        """The shape that the message about actions of another shape asks for; faces put their own here."""
         self._streams = spawn_streams(None, num_envs)
+        self._unseeded = np.ones(num_envs, dtype=np.bool_)
         self._placer = Placer(world, num_agents)
         self._tables = OutcomeTables(world)
 
@@ -162,7 +166,7 @@ class Engine:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copied or pickled one by one, arrays that share memory would come apart.
-        return _rebuild, (self._arguments, self.state_dict())
+        return _rebuild, (self._arguments, self.state_dict(), self._unseeded)
 
     @property
     def observation_shape(self) -> tuple[int, int, int]:
@@ -213,6 +217,23 @@ class Engine:
         assert streams.shape == (self.num_envs,)
         assert streams.dtype == np.uint64
         np.copyto(self._streams, streams, where=True if mask is None else mask)
+        self._unseeded[slice(None) if mask is None else mask] = False
+
+    def seed_unseeded(self, mask: NDArray[np.bool_] | None = None) -> None:
+        """Take fresh entropy for all environments, or for those in ``mask``, that have never been seeded.
+
+        The faces do so when an episode starts without a seed, and not when they are made: copies of an
+        environment, in this process or in others, then differ.
+
+        Parameters
+        ----------
+        mask
+            bool array of shape (n_envs,).
+        """
+        unseeded = self._unseeded if mask is None else self._unseeded & mask
+        if unseeded.any():
+            self._streams[unseeded] = spawn_streams(None, int(unseeded.sum()))
+            self._unseeded[unseeded] = False
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Start new episodes in all environments, or in those in ``mask``, from their own streams.
@@ -318,7 +339,7 @@ class Engine:
         # An ignored action takes nothing from the stream.
         streams = self.streams
         step = self._step(actions)
-        self.seed(streams, restart)
+        np.copyto(self._streams, streams, where=restart)
         self.reset(restart)
         for array in step[:3]:
             array[restart] = 0
@@ -396,6 +417,7 @@ class Engine:
                 found = "missing" if given is None else f"{given.dtype} {given.shape}"
                 raise ValueError(f"state[{name!r}] is {found}; it must be {own.dtype} {own.shape}")
         self._streams[:] = state["streams"]
+        self._unseeded[:] = False
         planes = np.asarray(state["planes"], dtype=np.uint8).reshape(self.num_envs, self._num_planes, -1)
         self._plane_rows[:, : self._num_planes] = planes
         self._content_rows[:] = state["contents"]
@@ -418,20 +440,24 @@ class Engine:
 
     def _require_actions(self, actions: ArrayLike) -> NDArray[np.int64]:
         """Return ``actions`` as an int64 array of their own shape, or raise a ValueError if they are none."""
-        array = np.asarray(actions)
+        try:
+            array = given = np.asarray(actions)
+        except ValueError:
+            wanted = f"integers of shape {self.action_shape}"
+            raise ValueError(f"actions are {actions!r}; they must be {wanted}") from None
         if array.dtype != np.int64:
             if array.dtype.kind not in "iu":
                 raise ValueError(f"actions have dtype {array.dtype}; they must be integers")
             array = array.astype(np.int64)
         shape = (self.num_envs, self.num_agents)
         if array.shape != shape and (self.num_agents > 1 or array.shape != (self.num_envs,)):
-            raise ValueError(f"actions have shape {array.shape}; they must have shape {shape}")
+            raise ValueError(f"actions have shape {array.shape}; they must have shape {self.action_shape}")
         # Seen as unsigned, a negative action is a huge one, so that one look at the largest checks both ends.
         unsigned = array.view(np.uint64)
         largest = unsigned.argmax()
         if unsigned.item(largest) >= self.world.num_actions:
             last = self.world.num_actions - 1
-            raise ValueError(f"actions contain {array.item(largest)}; an action is 0 to {last}")
+            raise ValueError(f"actions contain {given.item(largest)}; an action is 0 to {last}")
         return array
 
     def _act_by_chance(self, actions: NDArray[np.int64]) -> NDArray[np.float32]:
@@ -489,7 +515,7 @@ class Engine:
         self._flat_counters += tables.counts.take(outcomes, axis=0)
         rewards = tables.rewards.take(outcomes, axis=0).reshape(self.num_envs, self.num_agents, -1)
         if self.team_reward:
-            rewards[:] = rewards.sum(axis=1, keepdims=True)
+            rewards[:] = rewards.sum(axis=1, keepdims=True, dtype=np.float64)
         return rewards
 
     def _remove(self, touched: NDArray[np.int64], outcomes: NDArray[np.int64]) -> None:
@@ -544,9 +570,12 @@ class Engine:
         return observations
 
 
-def _rebuild(arguments: tuple[Any, ...], state: dict[str, NDArray[np.generic]]) -> Engine:
+def _rebuild(
+    arguments: tuple[Any, ...], state: dict[str, NDArray[np.generic]], unseeded: NDArray[np.bool_]
+) -> Engine:
     engine = Engine(*arguments)
     engine.load_state_dict(state)
+    engine._unseeded[:] = unseeded
     return engine
 
 
@@ -599,5 +628,7 @@ def _require_agent_rewards(
     for names in agent_rewards:
         if not _is_listing(names) or not names or any(name not in world.reward_names for name in names):
             raise ValueError(f"agent_rewards has {names!r}; it must be some of {world.reward_names}")
+        if len(set(names)) < len(names):
+            raise ValueError(f"agent_rewards has {names!r}; it must name each component once")
     paid = [[name in names for name in world.reward_names] for names in agent_rewards]
     return np.array(paid, dtype=np.float32)

@@ -106,6 +106,7 @@ class Layout:
         object.__setattr__(self, "walls", _checked_share("walls", self.walls))
         if self.plan is not None and self._share[1] > 0:
             raise ValueError(f"walls is {self.walls}; it must be 0 beside the plan {self.plan!r}")
+        _check_counts(self.counts)
         counts = {kind: _checked_range(f"counts[{kind!r}]", n, 0) for kind, n in self._named_counts()}
         object.__setattr__(self, "counts", tuple(sorted(counts.items())))
 
@@ -279,6 +280,18 @@ def _checked_range(name: str, value: object, least: int) -> Range:
     if high - low >= _UNIT:
         raise ValueError(f"{name} is {value!r}; a range holds at most {_UNIT} numbers")
     return (low, high) if isinstance(value, (tuple, list)) else low
+
+
+def _check_counts(value: object) -> None:
+    """Raise a ValueError unless ``value`` is a dict, or the pairs of one, with texts for its keys."""
+    try:
+        by_name = all(isinstance(kind, str) for kind in dict(value))  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        by_name = False
+    if not by_name:
+        raise ValueError(
+            f"counts is {value!r}; it must be a dict of numbers by kind, as {{'people': (1, 4)}}"
+        )
 
 
 def _checked_share(name: str, value: object) -> float | tuple[float, float]:

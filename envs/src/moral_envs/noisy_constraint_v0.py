@@ -64,9 +64,9 @@ figure's are not in the text.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from inspect import signature
 from typing import Any
 
 import gymnasium
@@ -77,13 +77,15 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 from pettingzoo import AECEnv, ParallelEnv
 
+from moral_envs.arguments import require_integer
+from moral_envs.diagram import STATE_NAMES, draw_ansi, draw_rgb
+from moral_envs.faces.common import Frame, of_agent, require_render_mode
 from moral_envs.streams import draw_integers, spawn_streams
 
 __all__ = ["env", "parallel_env", "single_env", "success_probability", "vector_env"]
 
 REWARD_NAMES = ("reward", "constraint")
 OBJECTIVE_NAMES = ("safe", "unsafe")
-STATE_NAMES = ("S", "S1", "S2")
 NUM_ACTIONS = 2
 RENDER_MODES = ("ansi", "rgb_array")
 
@@ -94,7 +96,6 @@ _HALF_WORD = 2**16
 Observation = NDArray[np.uint8]
 Reward = NDArray[np.float32]
 Info = dict[str, Any]
-Frame = NDArray[np.uint8] | str
 
 
 def success_probability(threshold: float, noise: float, costs: tuple[float, float] = (0.0, 1.0)) -> float:
@@ -184,13 +185,11 @@ class _Decisions:
     """A batch of environments: who is in which state, and what entering one pays."""
 
     def __init__(self, payoffs: Payoffs, num_envs: int = 1) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs}; it must be at least 1")
         self.payoffs = payoffs
-        self.num_envs = num_envs
+        self.num_envs = require_integer("num_envs", num_envs, 1, "at least 1")
         self._vectors = payoffs.vectors
-        self._streams = spawn_streams(None, num_envs)
-        self.states = np.full(num_envs, _START, dtype=np.int64)
+        self._streams = spawn_streams(None, self.num_envs)
+        self.states = np.full(self.num_envs, _START, dtype=np.int64)
 
     @property
     def objectives(self) -> NDArray[np.int64]:
@@ -232,9 +231,9 @@ class _Decisions:
         """Draw every environment as ``render_mode`` says; None without a render mode."""
         if render_mode is None:
             return None
-        if render_mode == "ansi":
-            return tuple(_draw_ansi(self.payoffs, state) for state in self.states.tolist())
-        return tuple(_draw_rgb(self.payoffs, state).copy() for state in self.states.tolist())
+        draw = draw_ansi if render_mode == "ansi" else draw_rgb
+        rewards, costs = self.payoffs.rewards, self.payoffs.costs
+        return tuple(draw(rewards, costs, state) for state in self.states.tolist())
 
 
 def _draw_normal(streams: NDArray[np.uint64]) -> NDArray[np.float64]:
@@ -260,12 +259,6 @@ def _reward_space(payoffs: Payoffs) -> spaces.Space[Any]:
     return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
 
-def _require_render_mode(render_mode: str | None) -> str | None:
-    if render_mode is not None and render_mode not in RENDER_MODES:
-        raise ValueError(f"render_mode is {render_mode!r}; it must be None or one of {RENDER_MODES}")
-    return render_mode
-
-
 class NoisyConstraintEnv(gymnasium.Env[Observation, int]):
     """The decision as a Gymnasium environment whose reward is a float32 array of shape (2,).
 
@@ -280,7 +273,7 @@ class NoisyConstraintEnv(gymnasium.Env[Observation, int]):
     def __init__(self, payoffs: Payoffs, render_mode: str | None = None) -> None:
         self._decisions = _Decisions(payoffs)
         self._running = False
-        self.render_mode = _require_render_mode(render_mode)
+        self.render_mode = require_render_mode(render_mode, RENDER_MODES)
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": 1}
         self.observation_space = _observation_space()
         self.action_space = _action_space()
@@ -348,7 +341,7 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
     ) -> None:
         self._decisions = _Decisions(payoffs, num_envs)
         self.num_envs = num_envs
-        self.render_mode = _require_render_mode(render_mode)
+        self.render_mode = require_render_mode(render_mode, RENDER_MODES)
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
         except ValueError as error:
@@ -367,6 +360,7 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         self.reward_dim = len(REWARD_NAMES)
         self.reward_names = REWARD_NAMES
         self.objective_names = OBJECTIVE_NAMES
+        self._started = False
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -391,12 +385,15 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
             streams = np.concatenate([spawn_streams(one, 1) for one in seed])
             self._decisions.seed(streams, given if mask is None else given & mask)
         self._decisions.reset(mask)
+        self._started = True
         return self._decisions.observe(), self._infos()
 
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, Reward, NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Take one step in every environment; ``actions`` are integers of shape (n,)."""
+        if not self._started:
+            raise ValueError("actions were given before the first episode; call reset first")
         deciding = self._decisions.states == _START
         if self.autoreset_mode == AutoresetMode.DISABLED and not deciding.all():
             ended = int(deciding.argmin())
@@ -428,18 +425,11 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         return {"objectives": self._decisions.objectives, "_objectives": everywhere}
 
 
-class NoisyConstraintParallelEnv(ParallelEnv[str, Observation, int]):
-    """The decision of one agent as a PettingZoo parallel environment with vector rewards.
-
-    Parameters
-    ----------
-    payoffs
-        What the states pay and cost.
-    render_mode
-        None, ``"ansi"`` or ``"rgb_array"``.
-    """
+class _OneAgent:
+    """What the two PettingZoo faces share: the decision as Gymnasium has it, and its only agent."""
 
     def __init__(self, payoffs: Payoffs, render_mode: str | None = None) -> None:
+        super().__init__()
         self._single = NoisyConstraintEnv(payoffs, render_mode)
         self.render_mode = self._single.render_mode
         self.metadata = {
@@ -458,36 +448,15 @@ class NoisyConstraintParallelEnv(ParallelEnv[str, Observation, int]):
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Space of the agent's observations, always the same object."""
-        return self.observation_spaces[agent]
+        return of_agent(self.observation_spaces, agent)
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
         """Space of the agent's actions, always the same object."""
-        return self.action_spaces[agent]
+        return of_agent(self.action_spaces, agent)
 
     def reward_space(self, agent: str) -> spaces.Space[Any]:
         """Space of the agent's reward vectors, always the same object."""
-        return self.reward_spaces[agent]
-
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Observation], dict[str, Info]]:
-        """Start an episode; without a seed the random stream goes on from the last episode."""
-        observation, info = self._single.reset(seed=seed, options=options)
-        self.agents = list(self.possible_agents)
-        return {_AGENT: observation}, {_AGENT: info}
-
-    def step(
-        self, actions: dict[str, int]
-    ) -> tuple[dict[str, Observation], dict[str, Reward], dict[str, bool], dict[str, bool], dict[str, Info]]:
-        """Decide, which ends the episode."""
-        if not self.agents:
-            raise ValueError("actions were given after the end of the episode; call reset first")
-        if actions.keys() != {_AGENT}:
-            raise ValueError(f"actions are for {list(actions)}; they must be for {self.agents}")
-        observation, reward, terminated, truncated, info = self._single.step(actions[_AGENT])
-        self.agents = []
-        outcomes = (observation, reward, terminated, truncated, info)
-        return tuple({_AGENT: outcome} for outcome in outcomes)  # type: ignore[return-value]
+        return of_agent(self.reward_spaces, agent)
 
     def render(self) -> Any:
         """Draw the current state as ``render_mode`` says."""
@@ -505,7 +474,47 @@ class NoisyConstraintParallelEnv(ParallelEnv[str, Observation, int]):
         """Nothing to release."""
 
 
-class NoisyConstraintAECEnv(AECEnv[str, Observation, int | None]):
+class NoisyConstraintParallelEnv(_OneAgent, ParallelEnv[str, Observation, int]):
+    """The decision of one agent as a PettingZoo parallel environment with vector rewards.
+
+    Parameters
+    ----------
+    payoffs
+        What the states pay and cost.
+    render_mode
+        None, ``"ansi"`` or ``"rgb_array"``.
+    """
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, Info]]:
+        """Start an episode; without a seed the random stream goes on from the last episode."""
+        observation, info = self._single.reset(seed=seed, options=options)
+        self.agents = list(self.possible_agents)
+        return {_AGENT: observation}, {_AGENT: info}
+
+    def step(
+        self, actions: Mapping[str, int]
+    ) -> tuple[dict[str, Observation], dict[str, Reward], dict[str, bool], dict[str, bool], dict[str, Info]]:
+        """Decide, which ends the episode."""
+        if not self.agents:
+            raise ValueError("actions were given after the end of the episode; call reset first")
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions are {actions!r}; they must be a dict with one for each agent")
+        if actions.keys() != {_AGENT}:
+            raise ValueError(f"actions are for {list(actions)}; they must be for {self.agents}")
+        observation, reward, terminated, truncated, info = self._single.step(actions[_AGENT])
+        self.agents = []
+        return (
+            {_AGENT: observation},
+            {_AGENT: reward},
+            {_AGENT: terminated},
+            {_AGENT: truncated},
+            {_AGENT: info},
+        )
+
+
+class NoisyConstraintAECEnv(_OneAgent, AECEnv[str, Observation, int | None]):
     """The decision of one agent as a PettingZoo agent-environment-cycle environment with vector rewards.
 
     Parameters
@@ -516,40 +525,12 @@ class NoisyConstraintAECEnv(AECEnv[str, Observation, int | None]):
         None, ``"ansi"`` or ``"rgb_array"``.
     """
 
-    def __init__(self, payoffs: Payoffs, render_mode: str | None = None) -> None:
-        super().__init__()
-        self._parallel = NoisyConstraintParallelEnv(payoffs, render_mode)
-        self.render_mode = self._parallel.render_mode
-        self.metadata = self._parallel.metadata
-        self.reward_names = REWARD_NAMES
-        self.objective_names = OBJECTIVE_NAMES
-        self.possible_agents = [_AGENT]
-        self.agents: list[str] = []
-        self.observation_spaces = self._parallel.observation_spaces
-        self.action_spaces = self._parallel.action_spaces
-        self.reward_spaces = self._parallel.reward_spaces
-
-    def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Space of the agent's observations, always the same object."""
-        return self.observation_spaces[agent]
-
-    def action_space(self, agent: str) -> spaces.Space[Any]:
-        """Space of the agent's actions, always the same object."""
-        return self.action_spaces[agent]
-
-    def reward_space(self, agent: str) -> spaces.Space[Any]:
-        """Space of the agent's reward vectors, always the same object."""
-        return self.reward_spaces[agent]
-
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode; without a seed the random stream goes on from the last episode."""
-        _, self.infos = self._parallel.reset(seed=seed, options=options)
+        _, info = self._single.reset(seed=seed, options=options)
         self.agents = list(self.possible_agents)
         self.agent_selection = _AGENT
-        self.rewards = {_AGENT: np.zeros(len(REWARD_NAMES), dtype=np.float32)}
-        self._cumulative_rewards = dict(self.rewards)
-        self.terminations = {_AGENT: False}
-        self.truncations = {_AGENT: False}
+        self._keep(np.zeros(len(REWARD_NAMES), dtype=np.float32), False, False, info)
 
     def step(self, action: int | None) -> None:
         """Decide, which ends the episode; then None takes the agent out."""
@@ -560,39 +541,34 @@ class NoisyConstraintAECEnv(AECEnv[str, Observation, int | None]):
             return
         if not self.action_spaces[_AGENT].contains(action):
             raise ValueError(f"action is {action!r}; it must be 0 to {NUM_ACTIONS - 1}")
-        step = self._parallel.step({_AGENT: action})  # type: ignore[dict-item]  # None is not in the space
-        _, self.rewards, self.terminations, self.truncations, self.infos = step
-        self._cumulative_rewards = dict(self.rewards)
+        self._keep(*self._single.step(action)[1:])  # type: ignore[arg-type]  # None is not in the space
 
     def last(self, observe: bool = True) -> tuple[Observation | None, Reward, bool, bool, Info]:
         """Return what the agent sees, got for its decision, and whether the episode has ended."""
-        self.infos = {_AGENT: {name: array.copy() for name, array in self.infos[_AGENT].items()}}
+        if not self.agents:
+            raise ValueError("last was called outside an episode; call reset first")
+        self.infos: dict[str, Info] = {
+            _AGENT: {name: array.copy() for name, array in self.infos[_AGENT].items()}
+        }
         observation, reward, terminated, truncated, info = super().last(observe)
         return observation, reward.copy(), terminated, truncated, info
 
     def observe(self, agent: str) -> Observation:
         """Show the state, uint8 (3,), a fresh array."""
+        self.observation_space(agent)  # refuses an unknown agent
         return self.state()
 
-    def render(self) -> Any:
-        """Draw the current state as ``render_mode`` says."""
-        return self._parallel.render()
-
-    def state(self) -> Observation:
-        """Show the state as the agent sees it, uint8 (3,)."""
-        return self._parallel.state()
-
-    def get_central_observation_space(self) -> spaces.Space[Any]:
-        """Space of :meth:`state`, for MOMAland's ``CentraliseAgent``."""
-        return self._parallel.get_central_observation_space()
-
-    def close(self) -> None:
-        """Nothing to release."""
+    def _keep(self, reward: Reward, terminated: bool, truncated: bool, info: Info) -> None:
+        self.rewards = {_AGENT: reward}
+        self._cumulative_rewards = {_AGENT: reward.copy()}
+        self.terminations = {_AGENT: terminated}
+        self.truncations = {_AGENT: truncated}
+        self.infos = {_AGENT: info}
 
 
 def single_env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintEnv:
     """Noisy Constraint as a Gymnasium environment; ``payoffs`` go to :class:`Payoffs`."""
-    return NoisyConstraintEnv(Payoffs(**payoffs), render_mode)
+    return NoisyConstraintEnv(_payoffs(single_env, payoffs), render_mode)
 
 
 def vector_env(
@@ -602,90 +578,25 @@ def vector_env(
     **payoffs: Any,
 ) -> NoisyConstraintVectorEnv:
     """Noisy Constraint as a Gymnasium vector environment; ``payoffs`` go to :class:`Payoffs`."""
-    return NoisyConstraintVectorEnv(Payoffs(**payoffs), num_envs, render_mode, autoreset_mode)
+    return NoisyConstraintVectorEnv(_payoffs(vector_env, payoffs), num_envs, render_mode, autoreset_mode)
 
 
 def parallel_env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintParallelEnv:
     """Noisy Constraint as a PettingZoo parallel environment; ``payoffs`` go to :class:`Payoffs`."""
-    return NoisyConstraintParallelEnv(Payoffs(**payoffs), render_mode)
+    return NoisyConstraintParallelEnv(_payoffs(parallel_env, payoffs), render_mode)
 
 
 def env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintAECEnv:
     """Noisy Constraint as a PettingZoo agent-environment-cycle environment; ``payoffs`` as for the others."""
-    return NoisyConstraintAECEnv(Payoffs(**payoffs), render_mode)
+    return NoisyConstraintAECEnv(_payoffs(env, payoffs), render_mode)
 
 
-# Pictures.
-
-_SAMPLES = 4
-"""Samples of a pixel along each axis, for smooth edges."""
-
-_INK, _WHITE, _PAPER, _BLUE = (38, 42, 50), (255, 255, 255), (245, 244, 240), (38, 88, 204)
-_HEIGHT, _RADIUS, _LINE = 240, 36, 3
-_CENTRES = ((60, 120), (230, 62), (230, 178))
-"""Of the states' discs, in pixels from the left and from the top."""
-
-# Five rows of three pixels, each an octal digit.
-_GLYPHS = {
-    **dict(zip("01234", ("75557", "26227", "71747", "71717", "55711"), strict=True)),
-    **dict(zip("56789", ("74717", "74757", "71122", "75757", "75717"), strict=True)),
-    **dict(zip(" .,-+", ("00000", "00002", "00024", "00700", "02720"), strict=True)),
-    **dict(zip("e[]S", ("07647", "64446", "31113", "74717"), strict=True)),
-}
-
-
-def _draw_ansi(payoffs: Payoffs, state: int) -> str:
-    padded = [name.ljust(2) for name in STATE_NAMES]
-    names = [f"[{name}]" if number == state else f" {name} " for number, name in enumerate(padded)]
-    lines = []
-    for action in range(NUM_ACTIONS):
-        start = names[0] if action == 0 else " " * len(names[0])
-        reward, cost = payoffs.rewards[action], payoffs.costs[action]
-        lines.append(f"{start}-{action}->{names[1 + action]}  reward {reward:g}, cost {cost:g}")
-    return "\n".join(lines)
-
-
-@lru_cache(maxsize=64)
-def _draw_rgb(payoffs: Payoffs, state: int) -> NDArray[np.uint8]:
-    """Draw the states, the present one dark, with what they pay and cost; read-only, as it is cached."""
-    texts = [f"[{reward:g}, {cost:g}]" for reward, cost in zip(payoffs.rewards, payoffs.costs, strict=True)]
-    left = _CENTRES[1][0] + _RADIUS + 16
-    size = (_HEIGHT, left + 16 * max(map(len, texts)) + 8)
-    y, x = ((np.indices((size[0] * _SAMPLES, size[1] * _SAMPLES)) + 0.5) / _SAMPLES).astype(np.float32)
-    samples = np.full((*x.shape, 3), _PAPER, dtype=np.uint8)
-    start = np.array(_CENTRES[0])
-    for centre in _CENTRES[1:]:
-        way = (np.array(centre) - start) / np.hypot(*(np.array(centre) - start))
-        tip = np.array(centre) - way * (_RADIUS + 4)
-        ahead = (x - tip[0]) * way[0] + (y - tip[1]) * way[1]
-        aside = abs((y - tip[1]) * way[0] - (x - tip[0]) * way[1])
-        length = float((tip - start) @ way)
-        samples[(aside < _LINE / 2) & (ahead > -length) & (ahead < -6)] = _INK
-        samples[(ahead > -16) & (aside < -ahead / 2)] = _INK
-    for number, centre in enumerate(_CENTRES):
-        distance = np.hypot(x - centre[0], y - centre[1])
-        samples[distance < _RADIUS] = _INK
-        samples[distance < _RADIUS - _LINE] = _WHITE
-        if number == state:
-            samples[distance < _RADIUS - 2 * _LINE] = _BLUE
-    shape = (size[0], _SAMPLES, size[1], _SAMPLES, 3)
-    image: NDArray[np.uint8] = samples.reshape(shape).mean(axis=(1, 3)).round().astype(np.uint8)
-    for number, (name, (column, row)) in enumerate(zip(STATE_NAMES, _CENTRES, strict=True)):
-        ink = _WHITE if number == state else _INK
-        _write(image, name, row - 12, column - 10 * len(name) + 2, 5, ink)
-    for action, (text, (_, row)) in enumerate(zip(texts, _CENTRES[1:], strict=True)):
-        _write(image, text, row - 10, left, 4, _INK)
-        _write(image, str(action), 66 if action == 0 else 154, 128, 4, _INK)
-    image.flags.writeable = False
-    return image
-
-
-def _write(
-    image: NDArray[np.uint8], text: str, top: int, left: int, scale: int, colour: tuple[int, int, int]
-) -> None:
-    """Write a text of one line into an image, each of a character's pixels ``scale`` pixels wide."""
-    for position, character in enumerate(text):
-        rows = [[int(digit) >> bit & 1 for bit in (2, 1, 0)] for digit in _GLYPHS[character]]
-        mask = np.kron(np.array(rows), np.ones((scale, scale), dtype=np.int64)) != 0
-        x = left + 4 * scale * position
-        image[top : top + len(mask), x : x + mask.shape[1]][mask] = colour
+def _payoffs(function: Callable[..., Any], arguments: dict[str, Any]) -> Payoffs:
+    """Return the payoffs of a function's further arguments, or raise a TypeError if it has no such."""
+    *own, _ = signature(function).parameters  # the last is `payoffs`
+    known = [field.name for field in fields(Payoffs)]
+    for name in arguments:
+        if name not in known:
+            takes = ", ".join(own + known)
+            raise TypeError(f"{function.__name__}() has no argument {name!r}; it must be one of {takes}")
+    return Payoffs(**arguments)

@@ -7,19 +7,19 @@ start's whole Pareto front, and with it the best policy for any scalarisation we
 
 A *start* is an observation of a one-agent Emergency world: 0/1 planes ``(4, height, width)`` in the order
 walls, agent, people, extinguisher. Any state will do, also one in mid-episode; `horizon` counts the steps
-that remain. Walls inside the border are respected.
+that remain. Walls inside the border are respected. Observations of Burning Warehouse have the same planes and
+are not refused, but the results are then those of Emergency's rules: people who stand still and are saved
+from beside them.
 
 Results are in objectives, ``(goal_time, people_saved)``, in the order of the environment's
 ``objective_names``: steps on the extinguisher's cell, and people. The return in the reward vector
 ``(extinguish, save)`` is ``(EXTINGUISH_REWARD * goal_time, people_saved)``.
 
-With a discount it matters when people are saved, not only how many, so `discounted_coverage_set` has its own
-dynamic programme, and its results are returns.
+With a discount it matters when people are saved, not only how many, so `discounted_coverage_set` has a
+dynamic programme of its own, in :mod:`moral_envs.discounted`, and its results are returns.
 
 The convex coverage set is that of Roijers, Vamplew, Whiteson and Dazeley, "A Survey of Multi-Objective
-Sequential Decision-Making", JAIR 48 (2013); its vertices are found by the dichotomic search of Aneja and
-Nair, "Bicriteria Transportation Problem", Management Science 25 (1979). The world is that of Peschl et al.,
-"MORAL", AAMAS 2022.
+Sequential Decision-Making", JAIR 48 (2013). The world is that of Peschl et al., "MORAL", AAMAS 2022.
 """
 
 from __future__ import annotations
@@ -30,9 +30,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from moral_envs.engine import Engine
-from moral_envs.streams import spawn_streams
-from moral_envs.world import NUM_ACTIONS, Effect, ObjectKind, World
+from moral_envs.arguments import is_chance, require_integer
+from moral_envs.array_arguments import require_numbers, require_weights
+from moral_envs.discounted import coverage_vertices
+from moral_envs.emergency_starts import (
+    EXTINGUISH_REWARD,
+    neighbour_offsets,
+    people_in_each_set,
+    require_starts,
+    seeded_starts,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,22 +60,14 @@ __all__ = [
     "seeded_starts",
 ]
 
-EXTINGUISH_REWARD = 0.1
-"""Reward of one step on the extinguisher's cell; saving a person pays 1."""
-
 REFERENCE_POINT = (0.0, 0.0)
 """Return from which Emergency's hypervolume is measured: no reward is negative, so no policy returns less."""
 
-_MAX_PEOPLE = 12
 _WAIT, _FIRST_INTERACTION = 4, 5
 # States of one chunk of starts: small enough for its arrays to stay in a processor's cache.
 _CHUNK_STATES = 2**18
-# The same for the search with a discount, which keeps the values of all steps.
-_DISCOUNTED_CHUNK_STATES = 2**16
 # Returns this close, relatively, are ties: it absorbs the rounding of 0.1 and of the weights.
 _TIE = 1e-12
-# A gain in scalarised return that is no new vertex; far above the rounding of a return, which is 1e-14.
-_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,8 @@ def pareto_fronts(starts: npt.ArrayLike, horizon: int) -> npt.NDArray[np.int64]:
     Parameters
     ----------
     starts : uint8 ``(n, 4, height, width)``
-        Start observations, all with the same number of people, ``p <= 12``.
+        Start observations, all with the same number of people, ``p <= 12``. What they follow are Emergency's
+        rules, also where they were observed in Burning Warehouse, whose planes are the same.
     horizon : int
         Steps in an episode, at least 0.
 
@@ -109,12 +109,12 @@ def pareto_fronts(starts: npt.ArrayLike, horizon: int) -> npt.NDArray[np.int64]:
     Raises
     ------
     ValueError
-        If `starts` are not such observations or `horizon` is negative.
+        If `starts` are not such observations or `horizon` is no such number.
     """
-    worlds = _checked_starts(starts)
-    _check_horizon(horizon)
+    worlds = require_starts(starts)
+    horizon = require_integer("horizon", horizon, 0, "at least 0")
     n, _, height, width = worlds.shape
-    saved = _people_in_each_set(worlds)
+    saved = people_in_each_set(worlds)
     fronts = np.empty((n, saved[-1] + 1), dtype=np.int64)
     chunk = max(1, _CHUNK_STATES // (len(saved) * height * width))
     for first in range(0, n, chunk):
@@ -148,15 +148,7 @@ def best_returns(starts: npt.ArrayLike, horizon: int, weights: npt.ArrayLike) ->
     ValueError
         As in `pareto_fronts`, or if `weights` are not as described.
     """
-    scalarisation = np.asarray(weights, dtype=np.float64)
-    if scalarisation.shape != (2,):
-        raise ValueError(
-            f"weights has shape {scalarisation.shape}; expected (2,), one for extinguish and one for save"
-        )
-    if not (np.isfinite(scalarisation).all() and (scalarisation >= 0).all() and scalarisation.any()):
-        raise ValueError(
-            f"weights is {scalarisation.tolist()}; expected finite, nonnegative and not all zero"
-        )
+    scalarisation = require_weights(weights, ("extinguish", "save"))
     return _best_on_fronts(pareto_fronts(starts, horizon), scalarisation)
 
 
@@ -244,56 +236,20 @@ def discounted_coverage_set(
     Raises
     ------
     ValueError
-        As in `pareto_fronts`, or if `gamma` is out of range.
+        As in `pareto_fronts`, or if `gamma` is not as described.
 
     Notes
     -----
     With a discount time and memory grow with ``2**people``: a start with 12 people in 8 by 8 cells takes
     150 MB at 75 steps.
     """
-    if not 0 <= gamma <= 1:
-        raise ValueError(f"gamma is {gamma}; expected a discount from 0 to 1")
+    if not is_chance(gamma):
+        raise ValueError(f"gamma is {gamma!r}; it must be a discount from 0 to 1")
     if gamma == 1:
         return coverage_set(starts, horizon).points * [EXTINGUISH_REWARD, 1.0]
-    worlds = _checked_starts(starts)
-    _check_horizon(horizon)
-    found = _discounted_vertices(worlds, horizon, gamma)
-    return _minkowski_average([_undominated(points) for points in found])
-
-
-def seeded_starts(world: World, num_starts: int = 100, seed: int = 0) -> npt.NDArray[np.uint8]:
-    """Draw the starts that stand for an Emergency world.
-
-    They are the first observations of ``vector_env(num_envs=num_starts).reset(seed=seed)``; the defaults are
-    those of the environment's ``pareto_front``.
-
-    Parameters
-    ----------
-    world
-        Emergency of any size, with any number of people up to 12, horizon and walls.
-    num_starts
-        How many starts, at least 1.
-    seed
-        Seed of the batch.
-
-    Returns
-    -------
-    uint8 ``(num_starts, 4, height, width)``
-        Start observations, as in `pareto_fronts`.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range or the optimum of the world is unknown: if it has other rules than
-        Emergency, people who walk for instance, or a layout that draws the number of people or the horizon.
-    """
-    if num_starts < 1:
-        raise ValueError(f"num_starts is {num_starts}; expected at least 1")
-    _check_rules(world)
-    engine = Engine(world, num_starts)
-    engine.seed(spawn_streams(seed, num_starts))
-    engine.reset()
-    return engine.world_planes()
+    worlds = require_starts(starts)
+    horizon = require_integer("horizon", horizon, 0, "at least 0")
+    return coverage_vertices(worlds, horizon, float(gamma))
 
 
 def hypervolume(points: npt.ArrayLike, reference: npt.ArrayLike = REFERENCE_POINT) -> float:
@@ -320,19 +276,19 @@ def hypervolume(points: npt.ArrayLike, reference: npt.ArrayLike = REFERENCE_POIN
     ValueError
         If the points or the reference point are not finite or not two-dimensional.
     """
-    corner = np.asarray(reference, dtype=np.float64)
+    corner = require_numbers("reference", reference)
     if corner.shape != (2,) or not np.isfinite(corner).all():
-        raise ValueError(f"reference is {corner.tolist()}; expected two finite numbers")
-    corners = np.asarray(points, dtype=np.float64)
+        raise ValueError(f"reference is {corner.tolist()}; it must be two finite numbers")
+    corners = require_numbers("points", points)
     if corners.shape == (0,):
         return 0.0
     if corners.ndim != 2 or corners.shape[1] != 2:
         raise ValueError(
-            f"points has shape {corners.shape}; expected (m, 2), for only areas in the plane are computed"
+            f"points has shape {corners.shape}; it must be (m, 2), for only areas in the plane are computed"
         )
     if not np.isfinite(corners).all():
         row = int((~np.isfinite(corners)).any(axis=1).argmax())
-        raise ValueError(f"points[{row}] is {corners[row].tolist()}; expected finite numbers")
+        raise ValueError(f"points[{row}] is {corners[row].tolist()}; it must be finite")
     widths, heights = (corners[(corners > corner).all(axis=1)] - corner).T
     by_width = np.argsort(-widths)
     # From wide to narrow, each point adds a strip as wide as itself on top of all the wider ones.
@@ -364,20 +320,21 @@ def optimal_actions(start: npt.ArrayLike, horizon: int, people_saved: int) -> np
     ValueError
         As in `pareto_fronts`, or if no policy saves `people_saved` people within `horizon` steps.
     """
-    planes = np.asarray(start)
+    planes = require_numbers("start", start)
     if planes.ndim != 3:
-        raise ValueError(f"start has shape {planes.shape}; expected (4, height, width)")
-    worlds = _checked_starts(planes[np.newaxis])
-    _check_horizon(horizon)
-    offsets = _neighbour_offsets(worlds)
+        raise ValueError(f"start has shape {planes.shape}; it must be (4, height, width)")
+    worlds = require_starts(planes[np.newaxis])
+    horizon = require_integer("horizon", horizon, 0, "at least 0")
+    offsets = neighbour_offsets(worlds)
     extinguisher = int(np.flatnonzero(worlds[0, 3])[0])
     person_at = {int(cell): person for person, cell in enumerate(np.flatnonzero(worlds[0, 2]))}
     goal_time = list(_forward(worlds, horizon))
 
-    eligible = np.flatnonzero(_people_in_each_set(worlds) == people_saved)
+    counts = people_in_each_set(worlds).tolist()
+    eligible = np.array([people for people, count in enumerate(counts) if count == people_saved], dtype=int)
     if not eligible.size or goal_time[-1][eligible].max() < 0:
         raise ValueError(
-            f"people_saved is {people_saved}; expected 0 to {len(person_at)}, "
+            f"people_saved is {people_saved!r}; it must be 0 to {len(person_at)}, "
             f"and no more than can be saved within horizon={horizon} steps"
         )
     row, cell = divmod(int(goal_time[-1][eligible].argmax()), goal_time[-1].shape[1])
@@ -406,9 +363,9 @@ def _forward(worlds: npt.NDArray[np.uint8], horizon: int) -> Iterator[npt.NDArra
     """
     n, _, _, width = worlds.shape
     walls, agents, people, extinguishers = np.moveaxis(worlds, 1, 0).reshape(4, -1)
-    sets, cells = len(_people_in_each_set(worlds)), walls.size
+    sets, cells = len(people_in_each_set(worlds)), walls.size
     persons = np.flatnonzero(people).reshape(n, -1)
-    offsets = _neighbour_offsets(worlds)
+    offsets = neighbour_offsets(worlds)
 
     # Low enough to stay negative through all the goal steps that are added to it.
     unreached = -horizon - 1
@@ -466,236 +423,3 @@ def _hull_prices(fronts: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         least = np.minimum.accumulate(lost[:, ::-1], axis=1)[:, ::-1]
         prices[:, low:] = np.maximum(prices[:, low:], least)
     return prices
-
-
-def _discounted_vertices(
-    worlds: npt.NDArray[np.uint8], horizon: int, gamma: float
-) -> list[list[npt.NDArray[np.float64]]]:
-    """Find every vertex, ``(2,)``, of each start's convex coverage set, in no order.
-
-    What is found is best for some weights, so nothing lies inside the hull. But what is best at an end, where
-    one weight is zero, may be dominated, and ties may add points on the lines between vertices.
-    """
-    ends = [
-        _best_discounted(worlds, horizon, gamma, np.tile(weights, (len(worlds), 1)))
-        for weights in ([1.0, 0.0], [0.0, 1.0])
-    ]
-    vertices = [list(pair) for pair in zip(*ends, strict=True)]
-    # Pairs of neighbours between which there may be others: start, with more goal time, with more saved.
-    unsettled = [(start, *pair) for start, pair in enumerate(vertices)]
-    while True:
-        unsettled = [(start, a, b) for start, a, b in unsettled if a[0] > b[0] and b[1] > a[1]]
-        if not unsettled:
-            return vertices
-        normals = np.array([[b[1] - a[1], a[0] - b[0]] for _, a, b in unsettled])
-        normals /= normals.sum(axis=1, keepdims=True)
-        best = _best_discounted(worlds[[start for start, _, _ in unsettled]], horizon, gamma, normals)
-        pairs, unsettled = unsettled, []
-        for (start, a, b), weights, found in zip(pairs, normals, best, strict=True):
-            if weights @ (found - a) > _TOLERANCE:
-                vertices[start].append(found)
-                unsettled += [(start, a, found), (start, found, b)]
-
-
-def _best_discounted(
-    worlds: npt.NDArray[np.uint8], horizon: int, gamma: float, weights: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Discounted return ``(n, 2)`` of a best policy from each start for its own weights, ``(n, 2)``."""
-    n, _, height, width = worlds.shape
-    cells, sets = height * width, len(_people_in_each_set(worlds))
-    chunk = min(n, max(1, _DISCOUNTED_CHUNK_STATES // (sets * cells)))
-    stages = np.empty((horizon, chunk * cells, sets))
-    returns = np.empty((n, 2))
-    for first in range(0, n, chunk):
-        part = slice(first, first + chunk)
-        values = stages[:, : len(worlds[part]) * cells]
-        _fill_values(values, worlds[part], gamma, weights[part])
-        returns[part] = _follow(values, worlds[part], gamma, weights[part])
-    return returns
-
-
-def _fill_values(
-    values: npt.NDArray[np.float64],
-    worlds: npt.NDArray[np.uint8],
-    gamma: float,
-    weights: npt.NDArray[np.float64],
-) -> None:
-    """Work back from the horizon: the most scalarised return still to come, in every state and step.
-
-    It is written to `values`, ``(horizon, n * cells, 2**p)``: at ``[t, c, s]`` what the cell itself pays at
-    the end of step ``t`` and all that comes later, if the agent ends the step on cell ``c`` with the set
-    ``s`` of people saved; minus infinity in walls. Cells and sets are laid out as in `_forward`, with the
-    axes exchanged, for the few cells next to a person are then few rows. All is discounted to the start.
-    """
-    horizon, cells, _ = values.shape
-    walls, _, people, extinguishers = (np.flatnonzero(plane) for plane in np.moveaxis(worlds, 1, 0))
-    offsets = _neighbour_offsets(worlds)
-    beside = [
-        np.add.outer(persons, offsets).ravel() for persons in people.reshape(len(worlds), -1).swapaxes(0, 1)
-    ]
-    discounts = gamma ** np.arange(horizon)
-    pay = np.multiply.outer(discounts, EXTINGUISH_REWARD * weights[:, 0])
-    saving = np.multiply.outer(discounts, np.repeat(weights[:, 1], len(offsets)))
-
-    width = offsets[1]
-    inner = slice(width, cells - width)
-    later = np.zeros(values.shape[1:])
-    later[walls] = -np.inf
-    for step in reversed(range(horizon)):
-        now = values[step]
-        np.copyto(now, later)
-        now[extinguishers] += pay[step][:, np.newaxis]
-        # Before the step: the best of waiting, moving and saving. `later` becomes that.
-        np.copyto(later, now)
-        for offset in offsets:
-            went_to = slice(inner.start + offset, inner.stop + offset)
-            np.maximum(later[inner], now[went_to], out=later[inner])
-        later[walls] = -np.inf
-        for person, rows in enumerate(beside):
-            split = (len(rows), -1, 2, 1 << person)
-            saved = now[rows].reshape(split)[:, :, 1] + saving[step][:, np.newaxis, np.newaxis]
-            before = later[rows]
-            unsaved = before.reshape(split)[:, :, 0]
-            np.maximum(unsaved, saved, out=unsaved)
-            later[rows] = before
-
-
-def _follow(
-    values: npt.NDArray[np.float64],
-    worlds: npt.NDArray[np.uint8],
-    gamma: float,
-    weights: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float64]:
-    """Discounted return ``(n, 2)`` of taking the best action for `values` at every step."""
-    _, agents, people, extinguishers = (np.flatnonzero(plane) for plane in np.moveaxis(worlds, 1, 0))
-    persons = people.reshape(len(worlds), -1)
-    offsets = np.array(_neighbour_offsets(worlds))
-    shifts = np.array([0, *offsets, *[0] * persons.shape[1]])
-    bits = 1 << np.arange(persons.shape[1])
-    joins = np.array([0] * (1 + len(offsets)) + bits.tolist())
-    cells, saved = agents, np.zeros(len(worlds), dtype=np.int64)
-    returns = np.zeros((len(worlds), 2))
-    for step, value in enumerate(values):
-        discount = gamma**step
-        # Waiting, the four moves, and saving each of the people.
-        options = value[cells[:, np.newaxis] + shifts, saved[:, np.newaxis] | joins]
-        near = ((persons - cells[:, np.newaxis])[:, :, np.newaxis] == offsets).any(axis=2)
-        can_save = near & ((saved[:, np.newaxis] & bits) == 0)
-        saves = options[:, 1 + len(offsets) :]
-        saves += discount * weights[:, 1:]
-        saves[~can_save] = -np.inf
-        choice = options.argmax(axis=1)
-        cells, saved = cells + shifts[choice], saved | joins[choice]
-        returns[:, 0] += discount * EXTINGUISH_REWARD * (cells == extinguishers)
-        returns[:, 1] += discount * (joins[choice] > 0)
-    return returns
-
-
-def _undominated(points: list[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
-    """Pareto optimal ones of the points, ``(m, 2)``, the first component falling and the second rising."""
-    ordered = np.array(sorted(points, key=lambda point: (-point[0], -point[1])))
-    most = np.maximum.accumulate(ordered[:, 1])
-    undominated: npt.NDArray[np.float64] = ordered[np.concatenate([[True], ordered[1:, 1] > most[:-1]])]
-    return undominated
-
-
-def _minkowski_average(hulls: list[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
-    """Average of convex sets that are given by their Pareto optimal vertices, as `_undominated` orders them.
-
-    Points on the lines between vertices may be among them; they are not in the result.
-    """
-    first = np.mean([hull[0] for hull in hulls], axis=0)
-    edges = np.concatenate([np.diff(hull, axis=0) for hull in hulls]) / len(hulls)
-    prices = -edges[:, 0] / edges[:, 1]
-    by_price = np.argsort(prices)
-    edges, prices = edges[by_price], prices[by_price]
-    corners = np.concatenate([first[np.newaxis], first + edges.cumsum(axis=0)])
-    # Parallel edges are one: no vertex lies between them.
-    bends = np.diff(prices) > _TIE * prices[1:]
-    return corners[np.concatenate([[True], bends, [True]])] if len(edges) else corners
-
-
-def _neighbour_offsets(worlds: npt.NDArray[np.uint8]) -> tuple[int, int, int, int]:
-    """Distances in the flattened grid to the cells above, below, left and right: the order of the actions."""
-    width = worlds.shape[-1]
-    return -width, width, -1, 1
-
-
-def _people_in_each_set(worlds: npt.NDArray[np.uint8]) -> npt.NDArray[np.int64]:
-    """Size of every set of people, ``(2**p,)``, the set's members being the bits of its index."""
-    return np.array([people.bit_count() for people in range(1 << int(worlds[0, 2].sum()))], dtype=np.int64)
-
-
-def _check_rules(world: World) -> None:
-    """Raise a ValueError unless the world follows Emergency's rules, with fixed people and horizon."""
-    kind = world.objects[0] if world.objects else ObjectKind("people", 0, "person", "P")
-    fixture = world.fixture
-    for argument, value, expected in (
-        ("objects", tuple(kind.name for kind in world.objects), ("people",)),
-        ("reward_names", world.reward_names, ("extinguish", "save")),
-        ("objective_names", world.objective_names, ("goal_time", "people_saved")),
-        ("pickup", "interact" if kind.on_enter is None else "enter", "interact"),
-        ("walk", kind.walks, 0.0),
-        ("on_interact", kind.on_interact, Effect("save", 1.0, "people_saved")),
-        ("on_stand", fixture and fixture.on_stand, Effect("extinguish", EXTINGUISH_REWARD, "goal_time")),
-        ("terminates", fixture and fixture.terminates, False),
-        ("slip", world.slip, 0.0),
-        ("on_step", world.on_step, None),
-        ("num_actions", world.num_actions, NUM_ACTIONS),
-    ):
-        if value != expected:
-            raise ValueError(
-                f"{argument} is {value!r} in {world.name}; expected {expected!r}, "
-                "for the optimum is known only under Emergency's rules"
-            )
-    if kind.count > _MAX_PEOPLE:
-        raise ValueError(
-            f"num_people is {kind.count}; expected at most {_MAX_PEOPLE}, for 2**people sets are visited"
-        )
-    if world.layout is not None:
-        for argument, drawn in (*world.layout.counts, ("max_cycles", world.layout.max_cycles)):
-            if isinstance(drawn, tuple) and drawn[0] != drawn[1]:
-                raise ValueError(
-                    f"layout draws {argument} from {drawn}; expected one number, for the optimum is known "
-                    "only of starts with the same people and horizon"
-                )
-
-
-def _check_horizon(horizon: int) -> None:
-    if horizon < 0:
-        raise ValueError(f"horizon is {horizon}; expected at least 0 steps")
-
-
-def _checked_starts(starts: npt.ArrayLike) -> npt.NDArray[np.uint8]:
-    """Return the starts as uint8 ``(n, 4, height, width)`` if they are states of Emergency, else raise."""
-    planes = np.asarray(starts)
-    if planes.ndim != 4 or planes.shape[0] < 1 or planes.shape[1] != 4 or min(planes.shape[2:]) < 3:
-        raise ValueError(
-            f"starts has shape {planes.shape}; expected (n, 4, height, width), "
-            "at least one start of at least 3 by 3 cells"
-        )
-    if not np.isin(planes, (0, 1)).all():
-        raise ValueError(f"starts has values from {planes.min()} to {planes.max()}; expected only 0 and 1")
-    worlds = planes.astype(np.uint8)
-    walls, agents, people, extinguishers = np.moveaxis(worlds, 1, 0)
-    inside = np.zeros(walls.shape[1:], dtype=bool)
-    inside[1:-1, 1:-1] = True
-    _refuse_first(~walls[:, ~inside].all(axis=1), "has a gap in its border", "walls all around")
-    for name, plane in (("agents", agents), ("extinguishers", extinguishers)):
-        _refuse_first(plane.sum(axis=(1, 2)) != 1, f"has no or several {name}", "exactly one")
-    for name, plane in (("agent", agents), ("person", people), ("extinguisher", extinguishers)):
-        _refuse_first((plane & walls).any(axis=(1, 2)), f"has its {name} in a wall", "a free cell")
-    counts = people.sum(axis=(1, 2))
-    _refuse_first(
-        counts != counts[0], f"has not {counts[0]} people as starts[0] has", "the same number everywhere"
-    )
-    if counts[0] > _MAX_PEOPLE:
-        raise ValueError(
-            f"starts have {counts[0]} people; expected at most {_MAX_PEOPLE}, for 2**people sets are visited"
-        )
-    return worlds
-
-
-def _refuse_first(wrong: npt.NDArray[np.bool_], fault: str, expected: str) -> None:
-    if wrong.any():
-        raise ValueError(f"starts[{wrong.argmax()}] {fault}; expected {expected}")

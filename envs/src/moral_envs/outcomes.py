@@ -54,7 +54,7 @@ class OutcomeTables:
         removes = np.zeros(shifts.shape, dtype=np.bool_)
         planes = np.zeros(shifts.shape, dtype=np.int64)
         # The first axis: whether the agent ends the step on the fixture.
-        rewards = np.zeros((2, *shifts.shape, len(world.reward_names)), dtype=np.float32)
+        rewards = np.zeros((2, *shifts.shape, len(world.reward_names)), dtype=np.float64)
         counts = np.zeros((2, *shifts.shape, len(world.objective_names)), dtype=np.int64)
 
         def pay(effect: Effect, standing: slice | int, *where: slice | int) -> None:
@@ -80,5 +80,6 @@ class OutcomeTables:
         self.shifts = shifts.ravel()
         self.removes = removes.ravel()
         self.planes = planes.ravel()
-        self.rewards = rewards.reshape(2 * self.standing, -1)
+        # Added up exactly, rounded once: so they stay within the bounds that the world states.
+        self.rewards = rewards.reshape(2 * self.standing, -1).astype(np.float32)
         self.counts = counts.reshape(2 * self.standing, -1)

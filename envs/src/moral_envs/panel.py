@@ -65,8 +65,10 @@ class Panel:
     def totals(self) -> tuple[str, str]:
         """Returns and objective counters of all agents together, as one line each."""
         world = self.engine.world
-        returns = [row[0] for row in _numbers(self.returns.sum(axis=0, keepdims=True), "g")]
-        counters = self.engine.objectives[0].sum(axis=0).tolist()
+        # What a team shares, each of its agents has been told in full.
+        told = slice(1) if self.engine.team_reward else slice(None)
+        returns = [row[0] for row in _numbers(self.returns[told].sum(axis=0, keepdims=True), "g")]
+        counters = self.engine.objectives[0, told].sum(axis=0).tolist()
         paid = zip(world.reward_names, returns, strict=True)
         counted = zip(world.objective_names, counters, strict=True)
         return _listed(paid), _listed(counted)

@@ -47,6 +47,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moral_envs import delivery_v0
+from moral_envs.arguments import require_integer
+from moral_envs.array_arguments import refuse_first, require_planes, require_weights
 from moral_envs.engine import Engine
 from moral_envs.outcomes import FIRST_OBJECT, FREE, WAIT, WALL
 from moral_envs.world import NUM_ACTIONS, NUM_MOVES
@@ -120,14 +122,10 @@ def plan(
         If the starts are no states of Delivery or another argument is not as described.
     """
     planes = _require_starts(starts)
-    scalarisation = _require_weights(weights)
-    for name, value, least in (
-        ("horizon", horizon, 0),
-        ("beam_width", beam_width, 1),
-        ("iterations", iterations, 0),
-    ):
-        if value < least:
-            raise ValueError(f"{name} is {value}; it must be at least {least}")
+    scalarisation = require_weights(weights, _COMPONENTS)
+    horizon = require_integer("horizon", horizon, 0, "at least 0")
+    beam_width = require_integer("beam_width", beam_width, 1, "at least 1")
+    iterations = require_integer("iterations", iterations, 0, "at least 0")
     actions = np.empty((len(planes), horizon), dtype=np.int64)
     bounds = np.empty(len(planes))
     for i, start in enumerate(planes):
@@ -593,36 +591,10 @@ def _plan_one(task: _Task, beam_width: int, iterations: int) -> tuple[NDArray[np
 
 def _require_starts(starts: ArrayLike) -> NDArray[np.uint8]:
     """Return the starts as uint8 (n, 6, height, width) if they are states of Delivery, else raise."""
-    planes = np.asarray(starts)
-    if planes.ndim != 4 or planes.shape[0] < 1 or planes.shape[1] != _NUM_PLANES or min(planes.shape[2:]) < 3:
-        raise ValueError(
-            f"starts has shape {planes.shape}; it must be (n, {_NUM_PLANES}, height, width), "
-            "at least one start of at least 3 by 3 cells"
-        )
-    if not np.isin(planes, (0, 1)).all():
-        raise ValueError(f"starts has values from {planes.min()} to {planes.max()}; it must have 0 and 1")
-    planes = planes.astype(np.uint8)
-    walls, agents, objects = planes[:, 0], planes[:, 1], planes[:, 2:].sum(axis=1)
-    border = np.ones(walls.shape[1:], dtype=np.bool_)
-    border[1:-1, 1:-1] = False
-    _refuse_first((walls[:, border] == 0).any(axis=1), "a gap in its border", "walls all around")
-    _refuse_first(agents.sum(axis=(1, 2)) != 1, "no or several agents", "exactly one")
-    _refuse_first((agents & walls).any(axis=(1, 2)), "its agent in a wall", "it on a free cell")
-    crowded = (objects + walls > 1).any(axis=(1, 2))
-    _refuse_first(crowded, "several things in a cell", "at most one wall or object in each")
+    planes = require_planes(starts, _NUM_PLANES)
+    walls, agents, *objects = np.moveaxis(planes, 1, 0)
+    refuse_first(agents.sum(axis=(1, 2)) != 1, "no or several agents", "exactly one")
+    refuse_first((agents & walls).any(axis=(1, 2)), "its agent in a wall", "it on a free cell")
+    crowded = (sum(objects, walls) > 1).any(axis=(1, 2))
+    refuse_first(crowded, "several things in a cell", "at most one wall or object in each")
     return planes
-
-
-def _refuse_first(wrong: NDArray[np.bool_], fault: str, right: str) -> None:
-    if wrong.any():
-        raise ValueError(f"starts[{wrong.argmax()}] has {fault}; it must have {right}")
-
-
-def _require_weights(weights: ArrayLike) -> NDArray[np.float64]:
-    """Return the weights as float64 (4,) if they are as `plan` says, else raise."""
-    array = np.asarray(weights, dtype=np.float64)
-    if array.shape != (len(_COMPONENTS),):
-        raise ValueError(f"weights has shape {array.shape}; it must have one for each of {_COMPONENTS}")
-    if not (np.isfinite(array).all() and (array >= 0).all() and array.any()):
-        raise ValueError(f"weights is {array.tolist()}; it must be finite, nonnegative and not all zero")
-    return array

@@ -21,6 +21,7 @@ from itertools import zip_longest
 from types import ModuleType
 from typing import NoReturn
 
+import gymnasium
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
@@ -51,6 +52,9 @@ ACTION_KEYS = {
 
 _TERMINAL_KEYS = {" ": "space", "\t": "tab", "\n": "return"}
 _TERMINAL_ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
+_END_OF_INPUT = "\x04"
+"""What Ctrl-D sends where the terminal hands over every key at once."""
+
 _PATIENCE = 100
 """Milliseconds after which a window that waits for a key looks whether it was interrupted."""
 
@@ -207,7 +211,7 @@ def play_in_window(game: Game) -> None:
 
 
 def play_in_terminal(game: Game) -> None:
-    """Play until the player quits or the input ends."""
+    """Play until the player quits or the input ends, with Ctrl-D for instance."""
     with _single_keys():
         _print_screen(game)
         while (key := _read_key()) and game.press(key):
@@ -216,13 +220,16 @@ def play_in_terminal(game: Game) -> None:
 
 def _print_screen(game: Game) -> None:
     planes, agents = game.env.engine.world_planes()[0], game.env.engine.agent_cells[0]
-    things = [("A" if game.num_agents == 1 else "0-f", "agent")]
+    things = [("A" if game.num_agents == 1 else f"0-{game.num_agents - 1:x}", "agent")]
     things += [(kind.symbol, kind.name) for kind in game.world.objects]
     if game.world.fixture is not None:
         things.append((game.world.fixture.symbol, game.world.fixture.name))
+    if game.env.engine.view_radius is not None:
+        things.append((":", "out of sight"))
     legend = ", ".join(f"{symbol} {name}" for symbol, name in things)
     lines = [f"{game.world.name}, {game.panel.steps}", ""]
-    lines += _beside(draw_ansi(game.world, planes, agents), game.panel.text)
+    frame = draw_ansi(game.world, planes, agents, game.env.engine.view_radius)
+    lines += _beside(frame, game.panel.text)
     for text in ("", legend, "; ".join(game.notes), *game.ending):
         lines += textwrap.wrap(text, shutil.get_terminal_size().columns) or [""]
     on_terminal = sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
@@ -258,7 +265,7 @@ def _single_keys() -> Iterator[None]:
 
 def _read_key() -> str:
     """Name of the next key as :meth:`Game.press` wants it; empty at the end of the input."""
-    while character := sys.stdin.read(1):
+    while (character := sys.stdin.read(1)) not in ("", _END_OF_INPUT):
         if character == "\x1b":
             # An escape sequence: arrows end in A to D, and a 2 before that is Shift. Escape alone would look
             # the same until the next key, so it does nothing here.
@@ -273,6 +280,14 @@ def _read_key() -> str:
         elif character != "\n" or sys.stdin.isatty():
             return _TERMINAL_KEYS.get(character, character.lower())
     return ""
+
+
+def _module_name(world: str) -> str:
+    """Return the name of the module behind an id of this package; any other name as it is."""
+    entry_point = gymnasium.registry[world].entry_point if world in gymnasium.registry else None
+    if not isinstance(entry_point, str) or not entry_point.startswith("moral_envs."):
+        return world
+    return entry_point.removeprefix("moral_envs.").partition(":")[0]
 
 
 def _modules() -> dict[str, ModuleType]:
@@ -295,27 +310,30 @@ def _game(arguments: Sequence[str] | None) -> tuple[Game, bool]:
     playable = [name for name, module in modules.items() if hasattr(module, "world")]
     parser = _Parser("python -m moral_envs.play", description="Play a world by hand.")
     parser.add_argument(
-        "--world", default="emergency_v0", help=f"one of {', '.join(playable)}; %(default)s unless given"
+        "--world",
+        default="emergency_v0",
+        help=f"one of {', '.join(playable)}, or an id like moral/Emergency-v0; %(default)s unless given",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the first episode (%(default)s)")
     parser.add_argument(
         "--num-agents", type=int, default=1, help="agents; you move one at a time (%(default)s)"
     )
     parser.add_argument("--layout", help=f"how rooms are drawn: {', '.join(layouts.NAMES)}")
-    parser.add_argument("--view-radius", type=int, help="how far agents see; what none sees is in the shade")
+    parser.add_argument("--view-radius", type=int, help="how far agents see; what none sees is marked")
     parser.add_argument(
         "--render", choices=("human", "ansi"), default="human", help="a window or the terminal (%(default)s)"
     )
     given = parser.parse_args(arguments)
-    if given.world not in playable:
-        found = "has no grid to play on" if given.world in modules else "is not a world"
+    name = _module_name(given.world)
+    if name not in playable:
+        found = "has no grid to play on" if name in modules else "is not a world"
         parser.error(f"--world {given.world} {found}; choose from {', '.join(playable)}")
-    if given.layout is not None and "layout" not in signature(modules[given.world].world).parameters:
+    if given.layout is not None and "layout" not in signature(modules[name].world).parameters:
         parser.error(f"--layout {given.layout}: {given.world} has no layouts")
-    options = {name: getattr(given, name) for name in ("layout", "view_radius")}
-    options = {name: value for name, value in options.items() if value is not None}
+    chosen = {"layout": given.layout, "view_radius": given.view_radius}
+    options = {option: value for option, value in chosen.items() if value is not None}
     try:
-        env = modules[given.world].parallel_env(num_agents=given.num_agents, **options)
+        env = modules[name].parallel_env(num_agents=given.num_agents, **options)
         return Game(env, given.seed), given.render == "ansi"
     except ValueError as error:
         parser.error(str(error))

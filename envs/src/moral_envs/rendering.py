@@ -50,11 +50,13 @@ _LAYOUTS = {
 }
 
 
-def draw_ansi(world: World, planes: NDArray[np.uint8], agents: NDArray[np.int64]) -> str:
+def draw_ansi(
+    world: World, planes: NDArray[np.uint8], agents: NDArray[np.int64], view_radius: int | None = None
+) -> str:
     """Draw a world as text.
 
     A cell shows, from left to right, the agent on it, the object, and the fixture if the world has one. A
-    single agent is ``A``; several are numbered, in hexadecimal.
+    single agent is ``A``; several are numbered, in hexadecimal. A cell that no agent sees begins with ``:``.
 
     Parameters
     ----------
@@ -64,6 +66,8 @@ def draw_ansi(world: World, planes: NDArray[np.uint8], agents: NDArray[np.int64]
         uint8 array of shape (C, H, W): the planes of the whole world.
     agents
         int64 array of shape (n_agents, 2): row and column of every agent.
+    view_radius
+        How far an agent sees, in cells. None: everything.
 
     Returns
     -------
@@ -80,6 +84,8 @@ def draw_ansi(world: World, planes: NDArray[np.uint8], agents: NDArray[np.int64]
         who[row, column] = "A" if len(agents) == 1 else f"{number:x}"
     what[(cells == " ").all(axis=0)] = "."
     cells[:, planes[0] != 0] = "#"
+    if view_radius is not None:
+        who[_unseen(planes[0].shape, agents, view_radius)] = ":"
     shown = cells if world.fixture is not None else cells[:2]
     return "\n".join("".join(line) for line in np.moveaxis(shown, 0, -1).reshape(world.height, -1).tolist())
 
@@ -100,7 +106,7 @@ def draw_rgb(
     tile
         Height and width of a cell in pixels, at least 8.
     view_radius
-        How far an agent sees, in cells. What no agent sees lies in the shade. None: there is no shade.
+        As for :func:`draw_ansi`. What no agent sees lies in the shade.
 
     Returns
     -------

@@ -12,6 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moral_envs.arguments import require_integer
+
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
@@ -36,10 +38,10 @@ def spawn_streams(seed: int | None, count: int) -> NDArray[np.uint64]:
     Raises
     ------
     ValueError
-        If the seed is negative.
+        If the seed is negative or no integer.
     """
-    if seed is not None and seed < 0:
-        raise ValueError(f"seed is {seed}; it must be 0 or more")
+    if seed is not None:
+        seed = require_integer("seed", seed, 0, "0 or more")
     children = np.random.SeedSequence(seed).spawn(count)
     return np.array([child.generate_state(1, np.uint64)[0] for child in children], dtype=np.uint64)
 

@@ -2,8 +2,8 @@
 
 ## Description
 The agent starts in the top left corner and has to walk around a wall to a goal on its other side. The wind
-sends it in a random direction in a quarter of the steps. It is the one world of this package that
-terminates, and it has a single reward component: a small world for tabular methods and for tests.
+sends it in a random direction in a quarter of the steps. It is the one grid world of this package
+that terminates, and it has a single reward component: a small world for tabular methods and for tests.
 
     ####################################
     ###A   .  .  . ### .  .  .  .   G###
@@ -32,7 +32,8 @@ A `float32` array of shape `(1,)`, named by `reward_names`:
 `steps`, those that did not end on the goal, and `goals_reached`.
 
 ## Starting State
-Always the same: the agent on the top left free cell. Several agents start side by side along the top row.
+Always the same: the agent on the top left free cell. Several agents start on the first free
+cells, row by row from there.
 
 ## Transitions
 With probability `wind` an action is replaced by a move in a direction drawn uniformly among the four, so
@@ -81,8 +82,9 @@ It names no horizon.
 
 from __future__ import annotations
 
+from moral_envs.arguments import is_chance
 from moral_envs.faces import Faces
-from moral_envs.world import NUM_MOVES, Effect, Fixture, World, is_chance
+from moral_envs.world import NUM_MOVES, Effect, Fixture, World
 
 __all__ = ["env", "parallel_env", "single_env", "vector_env", "world"]
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 from gymnasium import spaces
 from pettingzoo import AECEnv
 from pettingzoo.utils import AgentSelector
 
+from moral_envs.arguments import as_integer
+from moral_envs.engine import Engine
 from moral_envs.faces.common import Frame, of_agent
 from moral_envs.faces.parallel import AgentID, GridParallelEnv, Info, Observation, Reward
 from moral_envs.world import World
 
 
-class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
+class GridAECEnv(AECEnv[AgentID, Observation, SupportsIndex | None]):
     """A world as a PettingZoo agent-environment-cycle environment with vector rewards.
 
     The world steps when the last agent has given its action; until then all agents keep what they last saw.
@@ -51,20 +53,39 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
         self.reward_spaces = self.parallel.reward_spaces
         self._observations: dict[AgentID, Observation] = {}
 
-    def observation_space(self, agent: AgentID) -> spaces.Space[Any]:
+    @property
+    def engine(self) -> Engine:
+        """The simulation behind the environment."""
+        return self.parallel.engine
+
+    def observation_space(self, agent: AgentID) -> spaces.Box:
         """Space of one agent's observations, always the same object."""
         return self.parallel.observation_space(agent)
 
-    def action_space(self, agent: AgentID) -> spaces.Space[Any]:
+    def action_space(self, agent: AgentID) -> spaces.Discrete:
         """Space of one agent's actions, always the same object."""
         return self.parallel.action_space(agent)
 
-    def reward_space(self, agent: AgentID) -> spaces.Space[Any]:
+    def reward_space(self, agent: AgentID) -> spaces.Box:
         """Space of one agent's reward vectors, always the same object."""
         return self.parallel.reward_space(agent)
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode; without a seed the random stream goes on from the last episode."""
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed
+            Of the environment's random stream, 0 or more. None: the stream goes on from the last episode; the
+            first one takes fresh entropy.
+        options
+            Not used.
+
+        Raises
+        ------
+        ValueError
+            If the seed is negative or no integer.
+        """
         self._observations, self.infos = self.parallel.reset(seed=seed, options=options)
         self._keep_infos()
         self.agents = list(self.possible_agents)
@@ -72,23 +93,36 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
         self.truncations = dict.fromkeys(self.agents, False)
         self._clear_rewards()
         self._cumulative_rewards = {agent: self._no_reward(agent) for agent in self.agents}
-        self._actions: dict[AgentID, Any] = {}
+        self._actions: dict[AgentID, int] = {}
         self._selector = AgentSelector(self.agents)
         self.agent_selection = self._selector.next()
 
-    def step(self, action: int | None) -> None:
-        """Give the selected agent's action, or None for an agent whose episode has ended."""
+    def step(self, action: SupportsIndex | None) -> None:
+        """Give the selected agent's action.
+
+        Parameters
+        ----------
+        action
+            Index into :data:`~moral_envs.world.ACTION_NAMES`; None for an agent whose episode has ended.
+
+        Raises
+        ------
+        ValueError
+            If the action is none of this world's or there is no episode; nothing has changed then.
+        """
         if not self.agents:
-            raise ValueError("action was given after the end of the episode; call reset first")
+            raise ValueError("action was given outside an episode; call reset first")
         agent = self.agent_selection
         if self.terminations[agent] or self.truncations[agent]:
             self._was_dead_step(action)
             return
-        if not self.action_spaces[agent].contains(action):
-            last = self.parallel.engine.world.num_actions - 1
-            raise ValueError(f"action is {action!r}; it must be 0 to {last}")
+        number, last = as_integer(action), self.engine.world.num_actions - 1
+        if number is None:
+            raise ValueError(f"action is {action!r}; it must be an integer, 0 to {last}")
+        if not 0 <= number <= last:
+            raise ValueError(f"action is {number}; it must be 0 to {last}")
         self._cumulative_rewards[agent] = self._no_reward(agent)
-        self._actions[agent] = action
+        self._actions[agent] = number
         if self._selector.is_last():
             step = self.parallel.step(self._actions)
             self._observations, self.rewards, self.terminations, self.truncations, self.infos = step
@@ -124,7 +158,7 @@ class GridAECEnv(AECEnv[AgentID, Observation, int | None]):
         """Planes of the whole world: walls, one plane per agent, objects; uint8 (C + n_agents - 1, H, W)."""
         return self.parallel.state()
 
-    def get_central_observation_space(self) -> spaces.Space[Any]:
+    def get_central_observation_space(self) -> spaces.Box:
         """Space of the flattened :meth:`state`, for MOMAland's ``CentraliseAgent``."""
         return self.parallel.get_central_observation_space()
 

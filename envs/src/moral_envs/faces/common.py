@@ -23,30 +23,29 @@ Frame = NDArray[np.uint8] | str
 _Value = TypeVar("_Value")
 
 
-def observation_space(engine: Engine) -> spaces.Space[Any]:
+def observation_space(engine: Engine) -> spaces.Box:
     """One agent's observations: uint8 0/1 planes of shape (C, H, W)."""
     return spaces.Box(0, 1, shape=engine.observation_shape, dtype=np.uint8)
 
 
-def action_space(engine: Engine) -> spaces.Space[Any]:
+def action_space(engine: Engine) -> spaces.Discrete:
     """One agent's actions: the first of :data:`moral_envs.world.ACTION_NAMES`."""
     return spaces.Discrete(engine.world.num_actions)
 
 
-def reward_space(engine: Engine, agent: int = 0) -> spaces.Space[Any]:
+def reward_space(engine: Engine, agent: int = 0) -> spaces.Box:
     """One agent's reward vectors: float32 of shape (k,), k being the components that it is paid."""
-    agents = engine.num_agents if engine.team_reward else 1
-    paid = paid_components(engine, agent)
-    low, high = (np.array(bounds, dtype=np.float32)[paid] * agents for bounds in engine.world.reward_bounds)
+    low, high = (bounds[agent, paid_components(engine, agent)] for bounds in reward_bounds(engine))
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def batch_reward_space(engine: Engine) -> spaces.Space[Any]:
-    """All agents' reward vectors: float32 of shape (n_agents, k), zero where an agent is not paid."""
+def reward_bounds(engine: Engine) -> list[NDArray[np.float32]]:
+    """Least and greatest reward vectors: float32 (n_agents, k) each, zero where an agent is not paid."""
     agents = engine.num_agents if engine.team_reward else 1
     paid = np.ones((engine.num_agents, 1)) if engine.agent_rewards is None else engine.agent_rewards
-    low, high = (np.float32(paid * agents * bounds) for bounds in engine.world.reward_bounds)
-    return spaces.Box(low, high, dtype=np.float32)
+    # Rounded as the rewards are: each agent's, then their sum.
+    bounds = (np.array(bounds, dtype=np.float32) for bounds in engine.world.reward_bounds)
+    return [(bound * agents * paid).astype(np.float32) for bound in bounds]
 
 
 def paid_components(engine: Engine, agent: int) -> NDArray[np.int64]:
@@ -80,10 +79,9 @@ def draw(engine: Engine, render_mode: str | None) -> tuple[Frame, ...] | None:
     if render_mode is None:
         return None
     worlds = zip(engine.world_planes(), engine.agent_cells, strict=True)
-    if render_mode == "ansi":
-        return tuple(draw_ansi(engine.world, planes, agents) for planes, agents in worlds)
+    draw_one = draw_ansi if render_mode == "ansi" else draw_rgb
     radius = engine.view_radius
-    return tuple(draw_rgb(engine.world, planes, agents, view_radius=radius) for planes, agents in worlds)
+    return tuple(draw_one(engine.world, planes, agents, view_radius=radius) for planes, agents in worlds)
 
 
 def draw_single(engine: Engine, render_mode: str | None, window: Window | None) -> Frame | None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from moral_envs.arguments import as_integer
 from moral_envs.engine import Engine
 from moral_envs.faces.common import (
     RENDER_FPS,
@@ -52,8 +53,8 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
     view_radius
         How many cells an agent sees in each direction. None: the whole grid.
     agent_rewards
-        For each agent the names of the reward components that it is paid, ``agent_reward_names`` then. None:
-        all are paid all.
+        For each agent the names of the reward components that it is paid; its reward vectors have these
+        alone, in the world's order, which ``agent_reward_names`` gives. None: all are paid all.
     """
 
     def __init__(
@@ -83,41 +84,63 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
         self.window = make_window(self.engine, render_mode, self.metadata)
         self.reward_names = world.reward_names
         self.objective_names = world.objective_names
-        self.possible_agents = [f"agent_{i}" for i in range(num_agents)]
+        self.possible_agents = [f"agent_{i}" for i in range(self.engine.num_agents)]
         self.agents: list[AgentID] = []
-        self.observation_spaces: dict[AgentID, spaces.Space[Any]] = {
+        self.observation_spaces: dict[AgentID, spaces.Box] = {
             agent: observation_space(self.engine) for agent in self.possible_agents
         }
-        self.action_spaces: dict[AgentID, spaces.Space[Any]] = {
+        self.action_spaces: dict[AgentID, spaces.Discrete] = {
             agent: action_space(self.engine) for agent in self.possible_agents
         }
-        self.reward_spaces: dict[AgentID, spaces.Space[Any]] = {
+        self.reward_spaces: dict[AgentID, spaces.Box] = {
             agent: reward_space(self.engine, number) for number, agent in enumerate(self.possible_agents)
         }
-        self._paid = [paid_components(self.engine, number) for number in range(num_agents)]
+        self._paid = [paid_components(self.engine, number) for number in range(self.engine.num_agents)]
         self.agent_reward_names = {
             agent: tuple(world.reward_names[component] for component in paid)
             for agent, paid in zip(self.possible_agents, self._paid, strict=True)
         }
 
-    def observation_space(self, agent: AgentID) -> spaces.Space[Any]:
+    def observation_space(self, agent: AgentID) -> spaces.Box:
         """Space of one agent's observations, always the same object."""
         return of_agent(self.observation_spaces, agent)
 
-    def action_space(self, agent: AgentID) -> spaces.Space[Any]:
+    def action_space(self, agent: AgentID) -> spaces.Discrete:
         """Space of one agent's actions, always the same object."""
         return of_agent(self.action_spaces, agent)
 
-    def reward_space(self, agent: AgentID) -> spaces.Space[Any]:
+    def reward_space(self, agent: AgentID) -> spaces.Box:
         """Space of one agent's reward vectors, always the same object."""
         return of_agent(self.reward_spaces, agent)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[AgentID, Observation], dict[AgentID, Info]]:
-        """Start an episode; without a seed the random stream goes on from the last episode."""
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed
+            Of the environment's random stream, 0 or more. None: the stream goes on from the last episode; the
+            first one takes fresh entropy.
+        options
+            Not used.
+
+        Returns
+        -------
+        observations
+            For each agent 0/1 planes, uint8 of shape (C, H, W).
+        infos
+            For each agent ``{"objectives": counters}``, int64 zeros of shape (m,).
+
+        Raises
+        ------
+        ValueError
+            If the seed is negative or no integer.
+        """
         if seed is not None:
             self.engine.seed(spawn_streams(seed, 1))
+        self.engine.seed_unseeded()
         self.engine.reset()
         self.agents = list(self.possible_agents)
         if self.window is not None:
@@ -125,7 +148,7 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
         return self._by_agent(self.engine.observe()[0]), self._infos()
 
     def step(
-        self, actions: Mapping[AgentID, int]
+        self, actions: Mapping[AgentID, SupportsIndex]
     ) -> tuple[
         dict[AgentID, Observation],
         dict[AgentID, Reward],
@@ -133,14 +156,44 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
         dict[AgentID, bool],
         dict[AgentID, Info],
     ]:
-        """Take one step with an action for every agent in ``agents``."""
+        """Take one step.
+
+        Parameters
+        ----------
+        actions
+            For every agent in ``agents`` an index into :data:`~moral_envs.world.ACTION_NAMES`.
+
+        Returns
+        -------
+        observations
+            For each agent 0/1 planes, uint8 of shape (C, H, W).
+        rewards
+            For each agent a float32 array of the components that it is paid, shape (k,).
+        terminations, truncations
+            For each agent whether the episode has reached a terminal state, or else its horizon; the same for
+            all. ``agents`` is empty then.
+        infos
+            For each agent ``{"objectives": counters}`` of the episode so far, int64 of shape (m,).
+
+        Raises
+        ------
+        ValueError
+            If there is no episode, or actions are missing or none of this world's; nothing has changed then.
+        """
         if not self.agents:
-            raise ValueError("actions were given after the end of the episode; call reset first")
+            raise ValueError("actions were given outside an episode; call reset first")
         if not isinstance(actions, Mapping):
             raise ValueError(f"actions are {actions!r}; they must be a dict with one for each agent")
         if actions.keys() != set(self.agents):
             raise ValueError(f"actions are for {list(actions)}; they must be for {self.agents}")
-        step = self.engine.step([[actions[agent] for agent in self.agents]])
+        joint = []
+        for agent in self.agents:
+            action = as_integer(actions[agent])
+            if action is None:
+                wanted = f"an integer, 0 to {self.engine.world.num_actions - 1}"
+                raise ValueError(f"actions have {actions[agent]!r} for {agent}; an action is {wanted}")
+            joint.append(action)
+        step = self.engine.step([joint])
         observations = self._by_agent(self.engine.observe()[0])
         rewards = {
             agent: reward[paid]
@@ -167,7 +220,7 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
         agents[np.arange(len(agents)), rows, columns] = 1
         return np.stack([walls, *agents, *things])
 
-    def get_central_observation_space(self) -> spaces.Space[Any]:
+    def get_central_observation_space(self) -> spaces.Box:
         """Space of the flattened :meth:`state`, for MOMAland's ``CentraliseAgent``."""
         return spaces.Box(0, 1, shape=(self.state().size,), dtype=np.uint8)
 

@@ -6,8 +6,10 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
+from moral_envs.arguments import require_integer
 from moral_envs.engine import Engine
 from moral_envs.faces.common import (
     RENDER_FPS,
@@ -37,11 +39,15 @@ class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
         How many cells the agent sees in each direction. None: the whole grid.
     """
 
+    observation_space: spaces.Box  # type: ignore[assignment]
+    action_space: spaces.Discrete  # type: ignore[assignment]
+
     def __init__(self, world: World, render_mode: str | None = None, view_radius: int | None = None) -> None:
         self.engine = Engine(world, view_radius=view_radius)
         self.render_mode = require_render_mode(render_mode)
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
         self.window = make_window(self.engine, render_mode, self.metadata)
+        self.engine.action_shape = ()
         self.observation_space = observation_space(self.engine)
         self.action_space = action_space(self.engine)
         self.reward_space = reward_space(self.engine)
@@ -53,10 +59,33 @@ class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
-        """Start an episode; without a seed the random stream goes on from the last episode."""
-        super().reset(seed=seed, options=options)
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed
+            Of the environment's random stream, 0 or more. None: the stream goes on from the last episode; the
+            first one takes fresh entropy.
+        options
+            Not used.
+
+        Returns
+        -------
+        observation
+            uint8 array of 0/1 planes, shape (C, H, W).
+        info
+            ``info["objectives"]``, the counters of the episode: int64 zeros of shape (m,).
+
+        Raises
+        ------
+        ValueError
+            If the seed is negative or no integer.
+        """
         if seed is not None:
+            seed = require_integer("seed", seed, 0, "0 or more")
             self.engine.seed(spawn_streams(seed, 1))
+        super().reset(seed=seed, options=options)
+        self.engine.seed_unseeded()
         self.engine.reset()
         self._running = True
         if self.window is not None:
@@ -64,10 +93,33 @@ class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
         return self.engine.observe()[0, 0], self._info()
 
     def step(self, action: int) -> tuple[NDArray[np.uint8], NDArray[np.float32], bool, bool, dict[str, Any]]:
-        """Take one step; ``info["objectives"]`` holds the counters of the episode so far."""
+        """Take one step.
+
+        Parameters
+        ----------
+        action
+            Index into :data:`~moral_envs.world.ACTION_NAMES`.
+
+        Returns
+        -------
+        observation
+            uint8 array of 0/1 planes, shape (C, H, W).
+        reward
+            float32 array of shape (k,), in the order of ``reward_names``.
+        terminated, truncated
+            Whether the episode has reached a terminal state, or else its horizon.
+        info
+            ``info["objectives"]``, the counters of the episode so far: int64 of shape (m,), in the order of
+            ``objective_names``.
+
+        Raises
+        ------
+        ValueError
+            If the action is none of this world's or there is no episode; nothing has changed then.
+        """
         if not self._running:
             raise ValueError("action was given outside an episode; call reset first")
-        step = self.engine.step(np.reshape(action, -1))
+        step = self.engine.step(np.reshape(action, -1) if np.size(action) == 1 else action)
         self._running = not step.any_end
         if self.window is not None:
             self.window.step(step.rewards[0])

@@ -6,21 +6,23 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from moral_envs.arguments import as_integer
 from moral_envs.engine import Engine
 from moral_envs.faces.common import (
     BATCH_RENDER_MODES,
     RENDER_FPS,
     Frame,
     action_space,
-    batch_reward_space,
     draw,
     observation_space,
+    paid_components,
     require_render_mode,
-    reward_space,
+    reward_bounds,
 )
 from moral_envs.streams import spawn_streams
 from moral_envs.world import World
@@ -39,6 +41,12 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
     ends it; in the same-step mode they are in ``infos["final_info"]["objectives"]``, and
     ``infos["final_obs"]``, an object array of shape (n,), holds the last observations; both are valid where
     ``infos["_final_obs"]`` is true.
+
+    To reproduce single environments, seed with one integer for each: ``reset(seed=[s0, s1, ...])``. One
+    integer alone seeds the batch through ``SeedSequence.spawn``, where Gymnasium's own vector environments
+    use ``seed + i``.
+
+    ``agent_reward_names`` names, for each agent, the reward components that it is paid; the others are zero.
 
     Parameters
     ----------
@@ -70,6 +78,7 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
     ) -> None:
         agents = 1 if num_agents is None else num_agents
         self.engine = Engine(world, num_envs, agents, team_reward, view_radius, agent_rewards)
+        num_envs, agents = self.engine.num_envs, self.engine.num_agents
         # The part of the engine's arrays that is handed out: all of it, or what the only agent has.
         self._shown = np.s_[:, 0] if num_agents is None else np.s_[:, :]
         self.num_envs = num_envs
@@ -84,20 +93,27 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
             "render_fps": RENDER_FPS,
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = observation_space(self.engine)
-        self.single_action_space = action_space(self.engine)
-        self.reward_space = reward_space(self.engine)
+        self.single_observation_space: spaces.Box = observation_space(self.engine)
+        self.single_action_space: spaces.Discrete | spaces.MultiDiscrete = action_space(self.engine)
         if num_agents is not None:
-            self.single_observation_space = batch_space(self.single_observation_space, num_agents)
-            self.single_action_space = batch_space(self.single_action_space, num_agents)
-            self.reward_space = batch_reward_space(self.engine)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+            self.single_observation_space = _batch_box(self.single_observation_space, agents)
+            self.single_action_space = spaces.MultiDiscrete([world.num_actions] * agents)
+        low, high = (bounds[self._shown[1]] for bounds in reward_bounds(self.engine))
+        self.reward_space = spaces.Box(low, high, dtype=np.float32)
+        self.observation_space: spaces.Box = _batch_box(self.single_observation_space, num_envs)
+        joint = batch_space(self.single_action_space, num_envs)
+        assert isinstance(joint, (spaces.MultiDiscrete, spaces.Box))
+        self.action_space: spaces.MultiDiscrete | spaces.Box = joint
+        self.engine.action_shape = joint.shape
         self.reward_dim = len(world.reward_names)
         self.reward_names = world.reward_names
         self.objective_names = world.objective_names
-        self._ended = np.zeros(num_envs, dtype=np.bool_)
-        self._any_ended = False
+        self.agent_reward_names = tuple(
+            tuple(world.reward_names[component] for component in paid_components(self.engine, agent))
+            for agent in range(agents)
+        )
+        # Which environments have ended and still wait for their reset; None: none does.
+        self._ended: NDArray[np.bool_] | None = None
         self._started = False
         self._everywhere = np.ones(num_envs, dtype=np.bool_)
 
@@ -106,45 +122,96 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
     ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
         """Start episodes in all environments, or in those of ``options["reset_mask"]``.
 
-        An integer seed gives every environment a stream of its own, spawned from it; with a sequence,
-        environment ``i`` goes through what a single environment does after ``reset(seed=seed[i])``.
+        Parameters
+        ----------
+        seed
+            With a sequence, environment ``i`` goes through what a single environment does after
+            ``reset(seed=seed[i])``, and None leaves its stream as it is. An integer seeds the batch as a
+            whole: every environment gets a stream of its own, spawned from it by ``SeedSequence.spawn``, and
+            not, as in Gymnasium's own vector environments, the seed ``seed + i``. None: all streams go on;
+            those that have never been seeded take fresh entropy.
+        options
+            ``{"reset_mask": mask}``, a bool array of shape (n,), resets some environments only.
+
+        Returns
+        -------
+        observations
+            uint8 array of 0/1 planes, shape (n, C, H, W) or (n, n_agents, C, H, W).
+        infos
+            ``infos["objectives"]``, the counters of the episodes so far: int64 of shape (n, m) or
+            (n, n_agents, m).
+
+        Raises
+        ------
+        ValueError
+            If a seed is negative or no integer, or their number or the mask does not fit; nothing has changed
+            then.
         """
+        if options is not None and not isinstance(options, dict):
+            raise ValueError(f"options is {options!r}; it must be a dict or None")
         mask = None if options is None else options.get("reset_mask")
         if mask is not None:
             mask = np.asarray(mask)
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
                 found, wanted = f"{mask.dtype} {mask.shape}", f"bool {(self.num_envs,)}"
                 raise ValueError(f"options['reset_mask'] is {found}; it must be {wanted}")
-        if isinstance(seed, (int, np.integer)):
-            self.engine.seed(spawn_streams(int(seed), self.num_envs), mask)
+        number = as_integer(seed)
+        if number is not None:
+            self.engine.seed(spawn_streams(number, self.num_envs), mask)
         elif seed is not None:
+            seed = _require_seeds(seed, self.num_envs)
             if len(seed) != self.num_envs:
                 raise ValueError(f"seed has {len(seed)} entries; it must be one integer or {self.num_envs}")
             given = np.array([one is not None for one in seed], dtype=np.bool_)
             streams = np.concatenate([spawn_streams(one, 1) for one in seed])
             self.engine.seed(streams, given if mask is None else given & mask)
+        self.engine.seed_unseeded(mask)
         self.engine.reset(mask)
         self._started = True
-        self._ended[slice(None) if mask is None else mask] = False
-        self._any_ended = bool(self._ended.any())
+        if self._ended is not None:
+            waiting = self._ended & ~(self._everywhere if mask is None else mask)
+            self._ended = waiting if waiting.any() else None
         return self.engine.observe()[self._shown], self._infos()
 
     def step(self, actions: ArrayLike) -> Result:
-        """Take one step in every environment; ``actions`` are integers of shape (n,) or (n, n_agents)."""
+        """Take one step in every environment.
+
+        Parameters
+        ----------
+        actions
+            Integers of the shape of ``action_space``, (n,) or (n, n_agents): indices into
+            :data:`~moral_envs.world.ACTION_NAMES`.
+
+        Returns
+        -------
+        observations
+            uint8 array of 0/1 planes, shape (n, C, H, W) or (n, n_agents, C, H, W).
+        rewards
+            float32 array of shape (n, k) or (n, n_agents, k).
+        terminations, truncations
+            bool arrays of shape (n,): which episodes have reached a terminal state, and which of the others
+            their horizon.
+        infos
+            The counters and, in the same-step mode, what the episodes that ended showed last; see the class.
+
+        Raises
+        ------
+        ValueError
+            If the actions are none of this world's or of another shape, or there is no episode; nothing has
+            changed then.
+        """
         if not self._started:
             raise ValueError("actions were given before the first episode; call reset first")
-        if self._any_ended and self.autoreset_mode == AutoresetMode.DISABLED:
+        if self._ended is not None and self.autoreset_mode == AutoresetMode.DISABLED:
             ended = int(self._ended.argmax())
             raise ValueError(f"actions were given after the end of environment {ended}; call reset first")
-        step = self.engine.step(actions, self._ended if self._any_ended else None)
+        step = self.engine.step(actions, self._ended)
         final = {}
-        self._any_ended = step.any_end
-        if step.any_end:
-            self._ended = step.terminations | step.truncations
-            if self.autoreset_mode == AutoresetMode.SAME_STEP:
-                final = self._final(self._ended)
-                self.engine.reset(self._ended)
-                self._any_ended = False
+        self._ended = step.terminations | step.truncations if step.any_end else None
+        if self._ended is not None and self.autoreset_mode == AutoresetMode.SAME_STEP:
+            final = self._final(self._ended)
+            self.engine.reset(self._ended)
+            self._ended = None
         observations, rewards = self.engine.observe()[self._shown], step.rewards[self._shown]
         return observations, rewards, step.terminations, step.truncations, {**self._infos(), **final}
 
@@ -166,3 +233,19 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
 
     def _infos(self) -> dict[str, Any]:
         return {"objectives": self.engine.objectives[self._shown], "_objectives": self._everywhere.copy()}
+
+
+def _require_seeds(seed: object, num_envs: int) -> Sequence[int | None]:
+    """Return what may be one seed for each environment as a sequence, or raise a ValueError."""
+    if isinstance(seed, np.ndarray) and seed.ndim == 1:
+        return list(seed)
+    if isinstance(seed, Sequence) and not isinstance(seed, (str, bytes)):
+        return seed
+    shown = " ".join(repr(seed).split())
+    raise ValueError(f"seed is {shown}; it must be an integer, None or a sequence of {num_envs}")
+
+
+def _batch_box(space: spaces.Box, count: int) -> spaces.Box:
+    batch = batch_space(space, count)
+    assert isinstance(batch, spaces.Box)
+    return batch

@@ -1,0 +1,54 @@
+"""Checks of arguments where they come in: the value in its plain Python type, or a ValueError of one line."""
+
+from __future__ import annotations
+
+import math
+import operator
+from numbers import Real
+from typing import SupportsFloat, SupportsIndex
+
+import numpy as np
+
+
+def as_integer(value: object) -> int | None:
+    """Return the integer that something is; None if it is none, truth values among them."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, SupportsIndex):
+        return None
+    try:
+        return operator.index(value)
+    except TypeError:  # An array has the method, but only some arrays are integers.
+        return None
+
+
+def require_integer(argument: str, value: object, least: int, wanted: str) -> int:
+    """Return an integer that does not lie below ``least``; ``wanted`` says in words what it must be."""
+    number = as_integer(value)
+    if number is None:
+        raise ValueError(f"{argument} is {value!r}; it must be an integer, {wanted}")
+    if number < least:
+        raise ValueError(f"{argument} is {number}; it must be {wanted}")
+    return number
+
+
+def require_bool(argument: str, value: object) -> bool:
+    """Return a truth value; nothing else counts as one."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{argument} is {value!r}; it must be True or False")
+    return bool(value)
+
+
+def is_finite(value: object) -> bool:
+    """Whether something is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    return math.isfinite(value)
+
+
+def is_chance(value: object) -> bool:
+    """Whether something is a number from 0 to 1."""
+    if not isinstance(value, SupportsFloat):
+        return False
+    try:
+        return 0 <= float(value) <= 1
+    except (TypeError, ValueError):  # Arrays and NumPy's strings have the method, too.
+        return False

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 import operator
 from numbers import Real
-from typing import SupportsFloat, SupportsIndex
+from typing import SupportsFloat
 
 import numpy as np
 
 
 def as_integer(value: object) -> int | None:
     """Return the integer that something is; None if it is none, truth values among them."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, SupportsIndex):
+    if isinstance(value, (bool, np.bool_)):
         return None
     try:
-        return operator.index(value)
-    except TypeError:  # An array has the method, but only some arrays are integers.
+        return operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
         return None
 
 

@@ -153,8 +153,9 @@ class Engine:
         self._turn_offsets = np.zeros(num_envs, dtype=np.int64)
         self._turns = _turns(num_agents)
         self._first_rows = np.arange(num_envs) * num_agents
-        # Where each agent's own agent plane begins in all agents' observations.
-        self._own_planes = (np.arange(num_envs * num_agents).reshape(-1, num_agents) * planes + 1) * cells
+        # From an agent's address to its cell on the agent plane of its own observation, among all agents'.
+        own_planes = (np.arange(num_envs * num_agents).reshape(-1, num_agents) * planes + 1) * cells
+        self._own_planes = own_planes - self._origins
         slips = num_agents if world.slip > 0 else 0
         self._slip_chance = round(world.slip * _CHANCES)
         chances = [_CHANCES, NUM_MOVES] * (slips + len(self._walkers.chances))
@@ -362,7 +363,7 @@ class Engine:
         shape = (self.num_envs, self.num_agents, *self.observation_shape)
         observations = np.empty((*shape[:2], self._plane_rows[0].size), dtype=np.uint8)
         observations[:] = self._plane_rows.reshape(self.num_envs, 1, -1)
-        own = self._own_planes + (self._addresses - self._origins)
+        own = self._own_planes + self._addresses
         flat = observations.reshape(-1)
         flat[own] = 1
         own += self._to_occupancy

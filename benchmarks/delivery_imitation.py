@@ -64,7 +64,9 @@ class Config:
     )
     airl: AIRLConfig = field(
         default_factory=lambda: AIRLConfig(
-            steps=1_500_000, ppo=PPOConfig(entropy_start=0.1, entropy_end=0.02)
+            steps=1_500_000,
+            architecture="counting",
+            ppo=PPOConfig(entropy_start=0.1, entropy_end=0.02),
         )
     )
 

@@ -48,7 +48,8 @@ class AIRLConfig:
     steps: int = 500_000
     """Environment steps."""
     architecture: str = "fast"
-    """Reward network: fast (egocentric), mlp (thesis figure 3.5) or conv (thesis B.1.2)."""
+    """Reward network: fast (egocentric), counting (fast, with counts in unary, for Delivery), mlp (thesis
+    figure 3.5) or conv (thesis B.1.2)."""
     discriminator_updates: int = 16
     """Gradient steps of the discriminator per rollout."""
     discriminator_batch: int = 512

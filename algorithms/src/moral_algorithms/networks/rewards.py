@@ -16,15 +16,31 @@ from moral_algorithms.networks.precision import fast_matmul
 Shape = tuple[int, int, int]
 
 _COUNTED = 16
-"""Objects of a kind that the egocentric encoding can count."""
+"""Objects of a kind that can be counted in unary."""
 
 
 class EgocentricEncoding(nn.Module):
     """The crop around the agent and how much of each plane is left in the whole grid; nothing to learn.
 
-    From the crop alone, an object that was removed looks like one that was left behind. The totals are in
-    unary, a one for each of 1 to 16 that is reached: as a number on the scale of a cell, one vase more or
-    less would hardly show.
+    From the crop alone, an object that was removed looks like one that was left behind.
+    """
+
+    def __init__(self, shape: Shape, radius: int = 5) -> None:
+        super().__init__()
+        self.crop = EgocentricCrop(shape, radius)
+        self.size = self.crop.size + shape[0]
+
+    def forward(self, states: torch.Tensor) -> torch.Tensor:
+        """Encode float32 states (n, C, H, W) as (n, size)."""
+        # A tenth, so that counts and 0/1 cells enter on one scale.
+        totals = states.flatten(2).sum(dim=2) * 0.1
+        return torch.cat([self.crop(states), totals], dim=1)
+
+
+class CountingEncoding(nn.Module):
+    """As :class:`EgocentricEncoding`, the totals in unary: a one for each of 1 to 16 that is reached.
+
+    As a number on the scale of a cell, one vase of eight more or less hardly shows.
     """
 
     def __init__(self, shape: Shape, radius: int = 5) -> None:
@@ -41,15 +57,23 @@ class EgocentricEncoding(nn.Module):
         return torch.cat([self.crop(states), totals.flatten(1).to(states.dtype)], dim=1)
 
 
-def _egocentric_value(shape: Shape, hidden: int = 128) -> nn.Sequential:
-    """Build a perceptron on the egocentric encoding."""
+def _encoded_value(size: int, hidden: int = 128) -> nn.Sequential:
+    """Build a perceptron on an encoding of so many numbers."""
     return nn.Sequential(
-        nn.Linear(EgocentricEncoding(shape).size, hidden),
+        nn.Linear(size, hidden),
         nn.LeakyReLU(),
         nn.Linear(hidden, hidden),
         nn.LeakyReLU(),
         nn.Linear(hidden, 1),
     )
+
+
+def _egocentric_value(shape: Shape) -> nn.Sequential:
+    return _encoded_value(EgocentricEncoding(shape).size)
+
+
+def _counting_value(shape: Shape) -> nn.Sequential:
+    return _encoded_value(CountingEncoding(shape).size)
 
 
 def _perceptron_value(shape: Shape) -> nn.Sequential:
@@ -92,6 +116,7 @@ def _as_it_is(shape: Shape) -> nn.Module:
 
 REWARD_ARCHITECTURES = {
     "fast": RewardArchitecture(EgocentricEncoding, _egocentric_value),
+    "counting": RewardArchitecture(CountingEncoding, _counting_value),
     "mlp": RewardArchitecture(_as_it_is, _perceptron_value),
     "conv": RewardArchitecture(_as_it_is, _convolutional_value),
 }

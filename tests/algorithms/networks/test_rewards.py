@@ -120,7 +120,7 @@ def test_fast_tells_a_removed_object_from_one_out_of_sight() -> None:
 
 
 def test_an_unknown_architecture_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"'resnet'; it must be one of \['conv', 'fast', 'mlp'\]"):
+    with pytest.raises(ValueError, match=r"'resnet'; it must be one of \['conv', 'counting', 'fast', 'mlp'\]"):
         ShapedRewardNetwork((4, 8, 8), "resnet")
 
 

@@ -230,7 +230,10 @@ def test_returns_are_sums_over_an_episode() -> None:
     ("changes", "message"),
     [
         ({"steps": 0}, "steps is 0; it must be at least 1"),
-        ({"architecture": "deep"}, r"architecture is 'deep'; it must be one of \['conv', 'counting', 'fast', 'mlp'\]"),
+        (
+            {"architecture": "deep"},
+            r"architecture is 'deep'; it must be one of \['conv', 'counting', 'fast', 'mlp'\]",
+        ),
         ({"discriminator_updates": 0}, "discriminator_updates is 0"),
         ({"discriminator_batch": 0}, "discriminator_batch is 0"),
         ({"normaliser_episodes": 0}, "normaliser_episodes is 0"),

@@ -120,7 +120,8 @@ def test_fast_tells_a_removed_object_from_one_out_of_sight() -> None:
 
 
 def test_an_unknown_architecture_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"'resnet'; it must be one of \['conv', 'counting', 'fast', 'mlp'\]"):
+    known = r"\['conv', 'counting', 'fast', 'mlp'\]"
+    with pytest.raises(ValueError, match=rf"'resnet'; it must be one of {known}"):
         ShapedRewardNetwork((4, 8, 8), "resnet")
 
 

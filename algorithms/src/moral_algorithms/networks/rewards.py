@@ -184,8 +184,7 @@ def _apply(network: nn.Sequential, inputs: torch.Tensor) -> torch.Tensor:
     return values
 
 
-# An action touches the neighbouring cells, and a network that sees more needs more answers: from 250 about
-# clips of random episodes in Emergency, one with radius 1 predicts 94 % of others, with 2 82 %, with 5 68 %.
+# An action touches the neighbouring cells only, and a network that sees more needs more answers.
 _REACH = 1
 
 

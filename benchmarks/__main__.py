@@ -1,0 +1,157 @@
+"""The command ``python -m benchmarks``: run benchmarks, list them, write the report."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from benchmarks import rows
+from benchmarks.harness import Benchmark, Store
+from benchmarks.harness.benchmark import PROFILES, Profile, verdict
+from benchmarks.harness.executors import Executor, LocalProcesses, RayCluster
+from benchmarks.harness.report import judge, write_report
+from benchmarks.harness.sweep import Sweep, tell
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def main(options: Sequence[str] | None = None) -> int:
+    """Carry out a command line; returns the exit status."""
+    arguments = _parser().parse_args(options)
+    try:
+        sys.path.insert(0, str(Path.cwd()))
+        for module in arguments.load:
+            importlib.import_module(module)
+        status: int = arguments.command(arguments)
+    except (ValueError, ImportError) as error:
+        print(f"benchmarks: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nstopped; the same command goes on where this one was", file=sys.stderr)
+        return 130
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=(__doc__ or "").strip())
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    listing = commands.add_parser("list", help="name the benchmarks and how far their runs are")
+    running = commands.add_parser("run", help="do the runs that are not finished, and judge")
+    reporting = commands.add_parser("report", help="write the page: each figure beside its claim and verdict")
+    for command, does in ((listing, _list), (running, _run), (reporting, _report)):
+        command.set_defaults(command=does)
+        command.add_argument(
+            "ids", nargs="*", default=["all"], metavar="ID", help="E1, D6 ... or all (default)"
+        )
+        command.add_argument("--profile", choices=PROFILES, default="laptop", help="size (default: laptop)")
+        command.add_argument(
+            "--out", type=Path, help="folder of records and report (default: results/PROFILE)"
+        )
+        command.add_argument(
+            "--load", nargs="*", default=[], metavar="MODULE", help="modules that add learners of your own"
+        )
+    running.add_argument("--jobs", type=int, default=1, help="runs at a time, each on one core (default: 1)")
+    running.add_argument("--ray", metavar="ADDRESS", help="carry the runs out on a cluster of Ray instead")
+    return parser
+
+
+def find_benchmarks(ids: Sequence[str]) -> list[Benchmark]:
+    """Find benchmarks by their ids, in the order of the list of figures; ``all`` finds all.
+
+    Raises
+    ------
+    ValueError
+        If there is none of an id.
+    """
+    modules = (importlib.import_module(f"{rows.__name__}.{name}") for name in rows.ORDER)
+    known: dict[str, Benchmark] = {module.BENCHMARK.id: module.BENCHMARK for module in modules}
+    unknown = [one for one in ids if one not in known and one != "all"]
+    if unknown:
+        raise ValueError(f"ID is {unknown[0]!r}; it must be all or one of {', '.join(known)}")
+    return [benchmark for name, benchmark in known.items() if "all" in ids or name in ids]
+
+
+def _store(arguments: argparse.Namespace) -> Store:
+    return Store(arguments.out or RESULTS / arguments.profile)
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    profile: Profile = arguments.profile
+    store = _store(arguments)
+    for benchmark in find_benchmarks(arguments.ids):
+        sweep = Sweep(store, benchmark.runs(profile))
+        print(f"{benchmark.id:6}{sweep.done:>5} of {sweep.total:<5}{benchmark.title} ({benchmark.source})")
+    return 0
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    profile: Profile = arguments.profile
+    if arguments.jobs < 1:
+        raise ValueError(f"jobs is {arguments.jobs}; it must be at least 1")
+    benchmarks = find_benchmarks(arguments.ids)
+    store = _store(arguments)
+    sweep = Sweep(store, [run for benchmark in benchmarks for run in benchmark.runs(profile)])
+    console = Console()
+    console.print(f"{sweep.done} of {sweep.total} runs are finished in {store.folder}")
+    if sweep.todo:
+        executor: Executor = (
+            LocalProcesses(store, arguments.jobs)
+            if arguments.ray is None
+            else RayCluster(store, arguments.ray)
+        )
+        _carry_out(sweep, executor, console)
+    for benchmark in benchmarks:
+        _, checks = judge(benchmark, store, profile)
+        if checks:
+            console.print(f"[bold]{benchmark.id}[/bold] {benchmark.title}: [bold]{verdict(checks)}[/bold]")
+        for check in checks:
+            console.print(f"  {'yes' if check.met else 'NO':4}{check.statement}: {check.value}", markup=False)
+    for outcome in sweep.failed:
+        reason = (outcome.error or "").strip().splitlines()[-1]
+        print(f"failed: {outcome.run.key}: {reason}", file=sys.stderr)
+    return 1 if sweep.failed else 0
+
+
+def _carry_out(sweep: Sweep, executor: Executor, console: Console) -> None:
+    """Do the runs of a sweep, with a bar on a terminal and a line for each run elsewhere."""
+    seen = sweep.done
+
+    def line(sweep: Sweep) -> str:
+        left = sweep.seconds_left(executor.jobs)
+        failed = f", {len(sweep.failed)} failed" if sweep.failed else ""
+        about = "" if left is None else f", about {tell(left)} left"
+        return f"{sweep.done} of {sweep.total} runs, {len(sweep.running)} running{failed}{about}"
+
+    if not console.is_terminal:
+
+        def print_changes(sweep: Sweep) -> None:
+            nonlocal seen
+            if sweep.done != seen:
+                seen = sweep.done
+                print(line(sweep), flush=True)
+
+        sweep.carry_out(executor, print_changes)
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("", total=sweep.total)
+        sweep.carry_out(
+            executor, lambda sweep: progress.update(task, completed=sweep.done, description=line(sweep))
+        )
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    page = write_report(find_benchmarks(arguments.ids), _store(arguments), arguments.profile)
+    print(page)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,74 @@
+"""Averages over few seeds and how sure they are (Agarwal et al. 2021)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import trim_mean  # type: ignore[import-untyped]
+
+_RESAMPLES = 2000
+_SEED = 0
+
+
+def interquartile_mean(values: Sequence[float] | NDArray[np.float64]) -> float:
+    """Mean of the middle half of the values; of fewer than four, of all.
+
+    Raises
+    ------
+    ValueError
+        If there are no values.
+    """
+    if len(values) == 0:
+        raise ValueError("values is empty; an interquartile mean takes at least one")
+    return float(trim_mean(np.asarray(values, dtype=np.float64), 0.25))
+
+
+def stratified_interval(
+    groups: Sequence[Sequence[float]],
+    level: float = 0.95,
+    statistic: Callable[[NDArray[np.float64]], float] = interquartile_mean,
+) -> tuple[float, float]:
+    """Bootstrap interval of a statistic over all values, resampling seeds within each group.
+
+    Parameters
+    ----------
+    groups
+        Values of the seeds of each configuration.
+    level
+        Probability that the interval is to cover.
+    statistic
+        What is asked for, of the values of all groups together.
+
+    Returns
+    -------
+    low, high
+        Percentile interval from 2,000 resamples; the same values give the same interval.
+
+    Raises
+    ------
+    ValueError
+        If a group is empty, or ``level`` is not between 0 and 1.
+    """
+    if not groups or not all(len(group) for group in groups):
+        raise ValueError(f"groups is {groups}; every group must hold at least one value")
+    if not 0 < level < 1:
+        raise ValueError(f"level is {level}; it must be between 0 and 1")
+    rng = np.random.default_rng(_SEED)
+    resampled = np.concatenate(
+        [rng.choice(np.asarray(group, dtype=np.float64), (_RESAMPLES, len(group))) for group in groups],
+        axis=1,
+    )
+    statistics = [statistic(row) for row in resampled]
+    low, high = np.quantile(statistics, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def spread(values: Sequence[float], digits: int = 2) -> str:
+    """Write mean, standard deviation and range over seeds."""
+    array = np.asarray(values, dtype=np.float64)
+    deviation = array.std(ddof=1) if len(array) > 1 else 0.0
+    numbers = (array.mean(), deviation, array.min(), array.max())
+    mean, deviation, least, most = (f"{number:.{digits}f}" for number in numbers)
+    return f"{mean} ({deviation}), {least} to {most}, {len(array)} seeds"

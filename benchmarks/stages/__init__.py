@@ -1,0 +1,1 @@
+"""Runs that several benchmarks share: learned norms, aligned agents, agents from preferences."""

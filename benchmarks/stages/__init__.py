@@ -1,1 +1,10 @@
-"""Runs that several benchmarks share: learned norms, aligned agents, agents from preferences."""
+"""Runs that several benchmarks share: experts, norms learned from them, agents aligned by preferences.
+
+Each keeps its files in its folder as the command ``moral`` does, and goes on from there if it was killed.
+"""
+
+from benchmarks.stages.aligned import Aligned, PrimaryReturn
+from benchmarks.stages.norms import LearnedNorm, TrainedExpert
+from benchmarks.stages.preferences import FromPreferences
+
+__all__ = ["Aligned", "FromPreferences", "LearnedNorm", "PrimaryReturn", "TrainedExpert"]

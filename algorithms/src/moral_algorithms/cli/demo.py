@@ -29,7 +29,10 @@ from moral_algorithms.worlds import WorldSpec
 # Everything that a demo leaves, by folder; the next one removes it.
 _MADE = {
     "expert": ("config.json", "policy.safetensors", "summary.json", "run.lock"),
-    "airl": ("config.json", "policy.safetensors", "reward.safetensors", "summary.json", "run.lock"),
+    "airl": (
+        *("config.json", "metrics.jsonl", "policy.safetensors", "reward.safetensors", "summary.json"),
+        "run.lock",
+    ),
     "moral": (
         *("config.json", "learned_1.safetensors", "normalisers.json", "queries.jsonl", "metrics.jsonl"),
         *("checkpoint.safetensors", "policy.safetensors", "summary.json", "run.lock"),

@@ -54,6 +54,8 @@ class Command(BaseCommand):
     config: Annotated[MoralConfig, arg(name="")] = field(default_factory=MoralConfig)
     normaliser: ExpertConfig = field(default_factory=pipeline.normaliser_config)
     """How the policies are trained that pursue one primary component alone."""
+    returns: dict[str, float] = field(default_factory=dict)
+    """Returns of such policies that are known already, such as extinguish 7.4: these are not trained."""
     machine: Annotated[Machine, arg(name="")] = field(default_factory=Machine)
     tensorboard: bool = True
     """Write TensorBoard's event files into the run directory."""
@@ -82,6 +84,7 @@ class Command(BaseCommand):
             seed=run.seed,
             config=run.config,
             normaliser=run.normaliser,
+            returns=run.returns,
             machine=Machine(device, setting.threads),
             tensorboard=setting.tensorboard,
         )
@@ -119,6 +122,7 @@ class Command(BaseCommand):
             self.seed,
             self.config,
             self.normaliser,
+            self.returns,
         )
         if self.resume and not finished:
             for warning in pipeline.changes_since_start(directory, _KIND, setting):

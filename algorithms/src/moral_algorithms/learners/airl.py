@@ -30,6 +30,7 @@ from moral_algorithms.bridge import EngineVecEnv, LearnedReward, ScalarisedRewar
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.evaluation import play_episodes
 from moral_algorithms.learners.ppo import (
+    ObjectiveMonitor,
     OnProgress,
     PPOConfig,
     learn,
@@ -38,6 +39,7 @@ from moral_algorithms.learners.ppo import (
     standard_callbacks,
 )
 from moral_algorithms.networks.rewards import REWARD_ARCHITECTURES, ShapedRewardNetwork
+from moral_algorithms.run_directory import append_line
 from moral_algorithms.seeding import spawn_seeds
 
 
@@ -97,6 +99,7 @@ def train_airl(
     device: str = "cpu",
     tensorboard: Path | None = None,
     on_progress: OnProgress | None = None,
+    metrics: Path | None = None,
 ) -> Imitation:
     """Learn a reward and an imitation policy from demonstrations.
 
@@ -114,6 +117,9 @@ def train_airl(
         Folder for TensorBoard's event files.
     on_progress
         Called after every rollout.
+    metrics
+        File to which a line is appended after every rollout: ``env_steps``, mean ``objectives`` and the
+        discriminator's ``fake_accuracy`` and ``real_accuracy``.
     """
     world = demonstrations.world.build()
     ppo_seed, network_seed, batch_seed, start_seed, action_seed = spawn_seeds(seed, 5)
@@ -126,7 +132,11 @@ def train_airl(
     model = make_ppo(config.ppo, venv, ppo_seed, device, tensorboard)
     discriminator = Discriminator(engine, network, demonstrations, config, batch_seed)
     standard = standard_callbacks(config.ppo, config.steps, world.objective_names, on_progress)
-    learn(model, config.steps, [*standard, discriminator])
+    callbacks = [*standard, discriminator]
+    if metrics is not None:
+        monitor = next(callback for callback in standard if isinstance(callback, ObjectiveMonitor))
+        callbacks.append(_Record(metrics, monitor, discriminator))
+    learn(model, config.steps, callbacks)
 
     averaged = discriminator.averaged
     with sampling_seed(action_seed):
@@ -183,6 +193,8 @@ class Discriminator(BaseCallback):
     ----------
     averaged : ShapedRewardNetwork
         The network with exponentially averaged weights.
+    accuracies : dict of str to float
+        ``fake_accuracy`` and ``real_accuracy`` in the last updates.
     """
 
     def __init__(
@@ -197,6 +209,7 @@ class Discriminator(BaseCallback):
         self._venv = venv
         self._network = network
         self.averaged = copy.deepcopy(network)
+        self.accuracies: dict[str, float] = {}
         self._config = config
         self._rng = np.random.default_rng(seed)
         self._optimiser = torch.optim.Adam(
@@ -233,8 +246,9 @@ class Discriminator(BaseCallback):
             for part in (slice(start, start + batch) for start in range(0, updates * batch, batch))
         ]
         fake, real = np.mean(accuracies, axis=0)
-        self.logger.record("airl/fake_accuracy", fake)
-        self.logger.record("airl/real_accuracy", real)
+        self.accuracies = {"fake_accuracy": float(fake), "real_accuracy": float(real)}
+        for name, accuracy in self.accuracies.items():
+            self.logger.record(f"airl/{name}", accuracy)
 
     def _update(
         self, states: torch.Tensor, next_states: torch.Tensor, log_probabilities: torch.Tensor
@@ -288,3 +302,20 @@ class Discriminator(BaseCallback):
         with torch.no_grad():
             _, log_probabilities, _ = self.model.policy.evaluate_actions(states.float(), actions)
         return states, next_states, log_probabilities
+
+
+class _Record(BaseCallback):
+    """Writes a line after every rollout, when monitor and discriminator have done theirs."""
+
+    def __init__(self, path: Path, monitor: ObjectiveMonitor, discriminator: Discriminator) -> None:
+        super().__init__()
+        self._path = path
+        self._monitor = monitor
+        self._discriminator = discriminator
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        line = {"env_steps": self.num_timesteps, "objectives": self._monitor.means}
+        append_line(self._path, {**line, **self._discriminator.accuracies})

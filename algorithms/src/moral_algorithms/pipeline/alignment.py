@@ -52,6 +52,8 @@ class MoralRun:
     """How MORAL trains and asks."""
     normaliser: ExpertConfig = field(default_factory=normaliser_config)
     """How the policies are trained that pursue one primary component alone; their returns normalise it."""
+    returns: dict[str, float] = field(default_factory=dict)
+    """Such returns that are known already, by component; for these no policy is trained."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for :meth:`from_json`."""
@@ -63,6 +65,7 @@ class MoralRun:
             "seed": self.seed,
             "moral": asdict(self.config),
             "normaliser": asdict(self.normaliser),
+            "returns": dict(self.returns),
         }
 
     @classmethod
@@ -87,6 +90,7 @@ class MoralRun:
                 seed=value["seed"],
                 config=MoralConfig(**with_ppo(value["moral"])),
                 normaliser=ExpertConfig(**with_ppo(value["normaliser"])),
+                returns=dict(value["returns"]),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"the run's configuration is damaged: {error}") from error
@@ -252,28 +256,59 @@ def _primary_normalisers(
     """Find what a policy that pursues one primary component alone earns (eq. 5.2), once per run."""
     path = directory.path / "normalisers.json"
     found = _read_normalisers(path)
-    world = run.world.build()
     for name, component_seed in zip(run.primary, spawn_seeds(seed, len(run.primary)), strict=True):
         if name in found:
             continue
-        training_seed, evaluation_seed = spawn_seeds(component_seed, 2)
-        clock = StageClock()
-        alone = [float(name == other) for other in world.reward_names]
-        with setting.stage("primary") as on_progress:
-            trained = train_expert(
-                run.world, alone, run.normaliser, training_seed, setting.device, on_progress=on_progress
-            )
-            with sampling_seed(evaluation_seed):
-                played = play_episodes(trained.policy, world, _NORMALISER_EPISODES, evaluation_seed)
-        column = world.reward_names.index(name)
-        mean = abs(float(played.returns[:, column].mean()))
-        require_normaliser(
-            mean, f"the policy that pursues {name} alone", "train it longer (--normaliser.max-steps)"
-        )
-        env_steps = trained.env_steps + played.actions.size
-        found[name] = {"return": mean, "env_steps": env_steps, "wall_seconds": clock.seconds}
+        if name in run.returns:
+            found[name] = {"return": float(run.returns[name]), "env_steps": 0, "wall_seconds": 0.0}
+        else:
+            found[name] = pursue_alone(run.world, name, run.normaliser, component_seed, setting)
         write_json(path, found)
     return found
+
+
+def pursue_alone(
+    world: WorldSpec, component: str, config: ExpertConfig, seed: int, setting: Setting
+) -> dict[str, Any]:
+    """Find what a policy earns that pursues one component of the world's reward vector alone (eq. 5.2).
+
+    Parameters
+    ----------
+    world
+        Where it acts.
+    component
+        Name of the component.
+    config
+        How the policy is trained.
+    seed
+        Entropy of all of it.
+    setting
+        How the stage is run.
+
+    Returns
+    -------
+    dict
+        ``return``, the absolute value of its mean return, ``env_steps`` and ``wall_seconds``.
+
+    Raises
+    ------
+    ValueError
+        If the policy earns nothing, by which nothing can be divided.
+    """
+    training_seed, evaluation_seed = spawn_seeds(seed, 2)
+    clock = StageClock()
+    built = world.build()
+    alone = [float(component == other) for other in built.reward_names]
+    with setting.stage("primary") as on_progress:
+        trained = train_expert(world, alone, config, training_seed, setting.device, on_progress=on_progress)
+        with sampling_seed(evaluation_seed):
+            played = play_episodes(trained.policy, built, _NORMALISER_EPISODES, evaluation_seed)
+    column = built.reward_names.index(component)
+    mean = abs(float(played.returns[:, column].mean()))
+    who = f"the policy that pursues {component} alone"
+    require_normaliser(mean, who, "train it longer (--normaliser.max-steps)")
+    env_steps = trained.env_steps + played.actions.size
+    return {"return": mean, "env_steps": env_steps, "wall_seconds": clock.seconds}
 
 
 def _copies(directory: RunDirectory, run: MoralRun) -> dict[str, Path]:
@@ -293,6 +328,10 @@ def _require_fitting(run: MoralRun) -> None:
         if most[name] <= 0:
             able = [other for other, amount in most.items() if amount > 0]
             raise ValueError(f"primary is {name!r}, whose reward is never positive; it must be one of {able}")
+    for name, value in run.returns.items():
+        if name not in run.primary:
+            raise ValueError(f"returns name {name!r}; they must be of {run.primary}, the primary components")
+        require_normaliser(value, f"returns, for {name},", "give a positive one")
     if len(set(run.primary)) < len(run.primary):
         raise ValueError(f"primary is {run.primary}; it must name no component twice")
     if not run.rewards:

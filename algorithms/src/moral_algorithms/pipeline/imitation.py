@@ -174,6 +174,8 @@ def airl(
         "airl": asdict(config),
     }
     with new_run(directory, "airl", config_json):
+        # What an attempt that was cut off has left.
+        directory.metrics.unlink(missing_ok=True)
         clock = StageClock()
         with setting.stage("airl") as on_progress:
             imitation = train_airl(
@@ -183,6 +185,7 @@ def airl(
                 setting.device,
                 setting.event_files(directory),
                 clock.watch(on_progress),
+                directory.metrics,
             )
         require_normaliser(imitation.normaliser, "the imitation policy", "train AIRL longer")
         save_policy(directory.policy, imitation.policy, config.ppo.policy, world)

@@ -66,9 +66,10 @@ def stratified_interval(
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:
-    """Write mean, standard deviation and range over seeds."""
+    """Write mean, standard deviation and range over runs."""
     array = np.asarray(values, dtype=np.float64)
-    deviation = array.std(ddof=1) if len(array) > 1 else 0.0
-    numbers = (array.mean(), deviation, array.min(), array.max())
+    if len(array) == 1:
+        return f"{array[0]:.{digits}f}, 1 run"
+    numbers = (array.mean(), array.std(ddof=1), array.min(), array.max())
     mean, deviation, least, most = (f"{number:.{digits}f}" for number in numbers)
-    return f"{mean} ({deviation}), {least} to {most}, {len(array)} seeds"
+    return f"{mean} ({deviation}), {least} to {most}, {len(array)} runs"

@@ -1,0 +1,94 @@
+"""D9: noisy answers in Delivery (thesis figure 5.12)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.harness import Benchmark, Check, Profile, Results, Run
+from benchmarks.harness.statistics import stratified_interval
+from benchmarks.rows.d8 import deviations, study_runs
+from benchmarks.rows.drawing import BLUE, panels
+from benchmarks.rows.ratios import deviation
+from benchmarks.stages import Aligned
+
+_QUERIES = 50
+_NOISE = (0.0, 0.1, 0.2, 0.3)
+
+
+def runs(profile: Profile) -> list[Run]:
+    """List nine ratios with 50 queries under every noise, and with random queries without noise."""
+    queries = 10 if profile == "smoke" else _QUERIES
+    found: list[Run] = []
+    for noise in (0.3,) if profile == "smoke" else _NOISE:
+        plain = study_runs(profile, queries)
+        found += [replace(run, teacher=replace(run.teacher, noise=noise)) for run in plain]
+    return [*found, *study_runs(profile, queries, acquisition="random")]
+
+
+def judge(results: Results) -> list[Check]:
+    """Compare the strongest noise with the bar, and with random queries without noise."""
+    by_noise = _by_noise(results)
+    _, random = deviations(results)
+    checks = []
+    if 0.3 in by_noise:
+        mean = float(np.mean(by_noise[0.3]))
+        low, high = stratified_interval([by_noise[0.3]], statistic=lambda values: float(np.mean(values)))
+        value = f"{mean:.4f}, 95 % interval {low:.4f} to {high:.4f}"
+        checks.append(Check("noise 0.3: mean divergence at most 0.03", value, mean <= 0.03, "ours"))
+        if random:
+            theirs = float(np.mean(random[max(random)]))
+            checks.append(
+                Check(
+                    "active queries under noise 0.3 stay below random ones without noise",
+                    f"{mean:.4f} against {theirs:.4f}",
+                    mean < theirs,
+                    "thesis",
+                )
+            )
+    return checks
+
+
+def draw(results: Results) -> Figure:
+    """Draw mean divergences with intervals over the noise."""
+    figure, (axes,) = panels(1, width=6.0, height=4.0)
+    by_noise = _by_noise(results)
+    means = [float(np.mean(group)) for group in by_noise.values()]
+    bounds = [
+        stratified_interval([group], statistic=lambda values: float(np.mean(values)))
+        for group in by_noise.values()
+    ]
+    errors = np.abs(np.array(bounds).reshape(-1, 2).T - means)
+    axes.errorbar(list(by_noise), means, errors, marker="o", capsize=3, color=BLUE, label="active")
+    _, random = deviations(results)
+    if random:
+        level = float(np.mean(random[max(random)]))
+        axes.axhline(level, color="0.5", linestyle="--", label="random, no noise")
+    axes.set(
+        xlabel="probability of a random answer", ylabel="KL divergence from the wanted ratio", ylim=(0, None)
+    )
+    axes.legend(frameon=False)
+    return figure
+
+
+def _by_noise(results: Results) -> dict[float, list[float]]:
+    found: dict[float, list[float]] = {}
+    for run, result in results.of(Aligned):
+        if run.config.acquisition != "random":
+            found.setdefault(run.teacher.noise, []).append(deviation(run, result))
+    return dict(sorted(found.items()))
+
+
+BENCHMARK = Benchmark(
+    id="D9",
+    title="Noisy answers in Delivery",
+    source="figure 5.12",
+    claim="With 50 queries the deviation levels off above a noise of 0.1, still under that of random queries "
+    "without noise.",
+    bar="Noise 0.3: a mean deviation of at most 0.03 (nine of the 27 ratios).",
+    runs=runs,
+    judge=judge,
+    draw=draw,
+)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.policies import ActorCriticPolicy
 
-from moral_algorithms.bridge import EngineVecEnv, PrimaryReward, ScalarisedRewards
+from moral_algorithms.bridge import PrimaryReward
 from moral_algorithms.bridge.reward_vector import require_weights
-from moral_algorithms.learners.ppo import OnProgress, PPOConfig, learn, make_ppo, standard_callbacks
+from moral_algorithms.learners.coverage import TrainedPolicy, train_weighted
+from moral_algorithms.learners.ppo import OnProgress, PPOConfig
 from moral_algorithms.worlds import WorldSpec
 
 
@@ -40,15 +39,6 @@ class ExpertConfig:
             raise ValueError(f"tolerance is {self.tolerance}; it must not be negative")
 
 
-class Expert(NamedTuple):
-    """A trained expert."""
-
-    policy: ActorCriticPolicy
-    """Its policy, which keeps some randomness, as people do."""
-    env_steps: int
-    """Environment steps it took."""
-
-
 def train_expert(
     world: WorldSpec,
     weights: ArrayLike,
@@ -57,8 +47,8 @@ def train_expert(
     device: str = "cpu",
     tensorboard: Path | None = None,
     on_progress: OnProgress | None = None,
-) -> Expert:
-    """Train an expert.
+) -> TrainedPolicy:
+    """Train an expert; its policy keeps some randomness, as people do.
 
     Parameters
     ----------
@@ -82,14 +72,20 @@ def train_expert(
     ValueError
         If the weights do not fit the world.
     """
-    built = world.build()
-    weights = require_weights(weights, built.reward_names)
-    components = [PrimaryReward(built.reward_names, name) for name in built.reward_names]
-    venv = ScalarisedRewards(EngineVecEnv(built, config.ppo.num_envs, seed=seed), components, weights)
-    model = make_ppo(config.ppo, venv, seed, device, tensorboard)
-    standard = standard_callbacks(config.ppo, config.max_steps, built.objective_names, on_progress)
-    learn(model, config.max_steps, [*standard, StopWhenConverged(weights, config)])
-    return Expert(model.policy, model.num_timesteps)
+    names = world.build().reward_names
+    weights = require_weights(weights, names)
+    return train_weighted(
+        world,
+        [PrimaryReward(names, name) for name in names],
+        weights,
+        config.ppo,
+        config.max_steps,
+        seed,
+        device,
+        tensorboard,
+        on_progress,
+        [StopWhenConverged(weights, config)],
+    )
 
 
 class StopWhenConverged(BaseCallback):

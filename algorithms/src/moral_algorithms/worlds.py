@@ -7,11 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from moral_envs import delivery_v0, emergency_v0
+from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0
 from moral_envs.engine import Engine
 from moral_envs.world import World
 
-WORLDS: dict[str, Callable[..., World]] = {"emergency": emergency_v0.world, "delivery": delivery_v0.world}
+WORLDS: dict[str, Callable[..., World]] = {
+    "emergency": emergency_v0.world,
+    "burning_warehouse": burning_warehouse_v0.world,
+    "delivery": delivery_v0.world,
+}
 """Functions that build each world from its rules, by name."""
 
 
@@ -26,7 +30,7 @@ class WorldSpec:
     """
 
     name: str = "emergency"
-    """emergency or delivery."""
+    """emergency, burning_warehouse or delivery."""
     rules: dict[str, int] = field(default_factory=dict)
     """Sizes, counts and horizon that differ from the defaults, such as num_people 4 max_cycles 50."""
 

@@ -13,20 +13,27 @@ reward.
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.utils import get_device
 from torch.nn import functional
 
-from moral_algorithms.bridge import EngineVecEnv, LearnedReward, ScalarisedRewards, Transitions
+from moral_algorithms.bridge import (
+    EngineVecEnv,
+    LearnedReward,
+    RewardComponent,
+    ScalarisedRewards,
+    Transitions,
+)
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.evaluation import play_episodes
 from moral_algorithms.learners.ppo import (
@@ -100,6 +107,8 @@ def train_airl(
     tensorboard: Path | None = None,
     on_progress: OnProgress | None = None,
     metrics: Path | None = None,
+    others: Sequence[RewardComponent] = (),
+    weights: ArrayLike = (1.0,),
 ) -> Imitation:
     """Learn a reward and an imitation policy from demonstrations.
 
@@ -120,6 +129,15 @@ def train_airl(
     metrics
         File to which a line is appended after every rollout: ``env_steps``, mean ``objectives`` and the
         discriminator's ``fake_accuracy`` and ``real_accuracy``.
+    others
+        Reward components that the policy pursues besides f.
+    weights
+        Scalarisation weights of these and, last, of f.
+
+    Raises
+    ------
+    ValueError
+        If the weights do not fit the components.
     """
     world = demonstrations.world.build()
     ppo_seed, network_seed, batch_seed, start_seed, action_seed = spawn_seeds(seed, 5)
@@ -128,7 +146,7 @@ def train_airl(
     with sampling_seed(network_seed):
         network = ShapedRewardNetwork((channels, height, width), config.architecture, config.ppo.gamma)
     component = LearnedReward("imitate", network.to(get_device(device)))
-    venv = ScalarisedRewards(engine, [component], [1.0])
+    venv = ScalarisedRewards(engine, [*others, component], weights)
     model = make_ppo(config.ppo, venv, ppo_seed, device, tensorboard)
     discriminator = Discriminator(engine, network, demonstrations, config, batch_seed)
     standard = standard_callbacks(config.ppo, config.steps, world.objective_names, on_progress)

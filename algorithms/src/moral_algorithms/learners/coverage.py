@@ -1,8 +1,8 @@
 """Coverage sets: one policy for each of many scalarisation weights (thesis, algorithm 4).
 
-Under fixed weights a reward vector is an ordinary reward, for which PPO finds a policy. Done for many weights,
-this approximates the convex coverage set of the vector's components, whatever they are: the primary reward
-and a learned one, as in the thesis's lambda * r_P + (1 - lambda) * f, or the world's own rewards.
+Under fixed weights a reward vector is an ordinary reward, for which PPO finds a policy. Done for many
+weights, this approximates the convex coverage set of the vector's components, whatever they are: the primary
+reward and a learned one, as in the thesis's lambda * r_P + (1 - lambda) * f, or the world's own rewards.
 """
 
 from __future__ import annotations
@@ -184,7 +184,8 @@ def _play(policy: Policy, venv: ScalarisedRewards) -> NDArray[np.int64]:
     """Play one episode in each environment; return the counters (n, m), leave the returns in the wrapper."""
     observations = venv.reset()
     for _ in range(venv.venv.world.horizon):
-        actions, _ = policy.predict(observations)
-        observations, _, dones, infos = venv.step(actions)
+        after, _, dones, infos = venv.step(policy.predict(observations)[0])
+        assert isinstance(after, np.ndarray)
+        observations = after
     assert dones.all()
     return np.stack([info["objectives"] for info in infos])

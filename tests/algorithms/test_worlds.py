@@ -7,11 +7,12 @@ import json
 import pytest
 
 from moral_algorithms.worlds import WorldSpec
-from moral_envs import delivery_v0, emergency_v0
+from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0
 
 
 def test_builds_the_world_it_names() -> None:
     assert WorldSpec("emergency").build() == emergency_v0.world()
+    assert WorldSpec("burning_warehouse").build() == burning_warehouse_v0.world()
     rules = {"num_vases": 2, "max_cycles": 9}
     assert WorldSpec("delivery", rules).build() == delivery_v0.world(num_vases=2, max_cycles=9)
 
@@ -24,7 +25,11 @@ def test_comes_back_from_json() -> None:
 @pytest.mark.parametrize(
     ("name", "rules", "message"),
     [
-        ("warehouse", {}, r"world is 'warehouse'; it must be one of \['delivery', 'emergency'\]"),
+        (
+            "warehouse",
+            {},
+            r"world is 'warehouse'; it must be one of \['burning_warehouse', 'delivery', 'emergency'\]",
+        ),
         ("emergency", {"num_vases": 1}, "rules name 'num_vases'; emergency has"),
         ("emergency", {"height": 2}, "height is 2"),
         ("emergency", {"height": 5.5}, "rule height is 5.5; it must be an integer"),

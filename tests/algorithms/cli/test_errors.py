@@ -30,7 +30,10 @@ Capture = pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--world", "mars"], "world is 'mars'; it must be one of ['delivery', 'emergency']"),
+        (
+            ["--world", "mars"],
+            "world is 'mars'; it must be one of ['burning_warehouse', 'delivery', 'emergency']",
+        ),
         (["--weights", "0", "1", "0"], "there must be 2, one for each of ('extinguish', 'save')"),
         (["--weights", "1", "-1"], "weights are [1.0, -1.0]; they must be finite and not negative"),
         (["--weights", "0", "0"], "not all zero"),

@@ -134,6 +134,19 @@ def test_an_evaluation_is_shown_as_a_table(stages: Stages, capsys: pytest.Captur
     assert "\x1b" not in out
 
 
+def test_people_who_walk_are_evaluated_without_an_optimum(
+    stages: Stages, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number, options in enumerate([("--world", "burning_warehouse"), ("--rules", "walk", "1")]):
+        policy = tmp_path / str(number)
+        assert run(*EXPERT, *options, "--out", policy) == 0
+        capsys.readouterr()
+        assert run("evaluate", "--run", policy, "--episodes", "4", "--json") == 0
+        result = json.loads(capsys.readouterr().out)
+        assert result["optimum"] is None
+        assert result["objectives"].keys() == {"goal_time", "people_saved"}
+
+
 def test_delivery_is_evaluated_without_an_optimum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rules = ("--world", "delivery", "--rules", "max_cycles", "8")
     assert run(*EXPERT, "--out", tmp_path, *rules, "--weights", "1", "1", "1", "0") == 0

@@ -28,7 +28,7 @@ class Command(BaseCommand):
     out: Path
     """Run directory."""
     world: str | None = None
-    """World that the demonstrations must be of, emergency or delivery; by default any."""
+    """World that the demonstrations must be of, emergency, burning_warehouse or delivery; by default any."""
     rules: dict[str, int] = field(default_factory=dict)
     """Rules of that world, or of emergency, that differ from its own, such as num_people 4 max_cycles 50."""
     seed: int = 0

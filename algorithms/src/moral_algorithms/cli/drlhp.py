@@ -40,7 +40,7 @@ class Command(BaseCommand):
     preset: str = "fast"
     """Defaults of all that follows: fast, or paper (the thesis's networks and hyperparameters)."""
     world: str = "emergency"
-    """emergency or delivery."""
+    """emergency, burning_warehouse or delivery."""
     rules: dict[str, int] = field(default_factory=dict)
     """Rules of the world that differ from its own, such as num_people 4 max_cycles 50."""
     teacher: Annotated[TeacherConfig, arg(name="")] = field(default_factory=TeacherConfig)

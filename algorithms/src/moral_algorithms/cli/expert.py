@@ -28,7 +28,7 @@ class Command(BaseCommand):
     weights: tuple[float, ...]
     """One weight per reward component: extinguish save in Emergency; deliver help clean vase in Delivery."""
     world: str = "emergency"
-    """emergency or delivery."""
+    """emergency, burning_warehouse or delivery."""
     rules: dict[str, int] = field(default_factory=dict)
     """Rules of the world that differ from its own, such as num_people 4 max_cycles 50 (steps)."""
     seed: int = 0

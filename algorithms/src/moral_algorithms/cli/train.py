@@ -43,7 +43,8 @@ class Command(BaseCommand):
     resume: bool = False
     """Go on with the run in the run directory."""
     world: str | None = None
-    """emergency or delivery; without it and rules, the world that the first of the rewards was learned in."""
+    """emergency, burning_warehouse or delivery; without it and rules, the world that the first of the rewards
+    was learned in."""
     rules: dict[str, int] = field(default_factory=dict)
     """Rules of the world, or of emergency, that differ from its own, such as num_people 4 max_cycles 50."""
     primary: tuple[str, ...] = ("extinguish",)

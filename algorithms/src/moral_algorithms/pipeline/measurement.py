@@ -43,7 +43,7 @@ def evaluate(
     policy
         Chooses the actions.
     world
-        Where it acts; in Emergency with up to 8 people the exact optimum is computed.
+        Where it acts; in Emergency with up to 8 people who do not walk, the exact optimum is computed.
     episodes
         How many starts.
     seed
@@ -63,7 +63,8 @@ def evaluate(
         played = play_episodes(policy, built, episodes, starts_seed, deterministic)
     starts = played.states[:, 0].copy()
     optimum = None
-    if world.name == "emergency" and built.num_objects <= _MOST_PEOPLE_FOR_OPTIMUM:
+    known = world.name == "emergency" and not built.objects[0].walks
+    if known and built.num_objects <= _MOST_PEOPLE_FOR_OPTIMUM:
         best = optimal.lexicographic_optimum(starts, built.horizon).mean(axis=0)
         optimum = name_values(built.objective_names, best)
     means = name_values(built.objective_names, played.objectives.mean(axis=0))

@@ -17,7 +17,7 @@ EVALUATION_SEED = 10_000
 _POINTS = 60
 """Points of a curve, of which there is one per rollout otherwise."""
 
-STAGES = ("expert", "demonstrations", "airl", "primary", "moral", "drlhp")
+STAGES = ("expert", "demonstrations", "airl", "primary", "moral", "drlhp", "coverage")
 """Stages that draw random numbers, each from seeds of its own."""
 
 

@@ -13,6 +13,7 @@ from benchmarks.harness import Profile
 from benchmarks.stages.aligned import PrimaryReturn
 from benchmarks.stages.norms import LearnedNorm, TrainedExpert
 from moral_algorithms.learners.airl import AIRLConfig
+from moral_algorithms.learners.coverage import CoverageConfig
 from moral_algorithms.learners.drlhp import DRLHPConfig
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig
@@ -21,10 +22,11 @@ from moral_algorithms.pipeline import TeacherConfig, drlhp_preset, normaliser_co
 from moral_algorithms.worlds import WorldSpec
 
 EMERGENCY = WorldSpec("emergency")
+WAREHOUSE = WorldSpec("burning_warehouse")
 DELIVERY = WorldSpec("delivery")
 
 SAVE = (0.0, 1.0)
-"""Weights of (extinguish, save) of Emergency's expert."""
+"""Weights of (extinguish, save) of the experts of Emergency and Burning Warehouse."""
 HELP = (0.0, 1.0, 0.0, 1.0)
 CLEAN = (0.0, 0.0, 1.0, 1.0)
 """Weights of (deliver, help, clean, vase) of Delivery's experts, who both spare the vases (figure A.3)."""
@@ -59,6 +61,19 @@ def saving(profile: Profile, seed: int, demonstrations: int = 1000) -> LearnedNo
     if profile == "paper":
         config = replace(config, steps=3_000_000, architecture="conv", ppo=_paper(config.ppo))
     return LearnedNorm(saver(profile, seed), seed, count, _airl(config, profile), episodes(profile))
+
+
+def rescuer(profile: Profile, seed: int) -> TrainedExpert:
+    """Burning Warehouse's expert, who picks people up."""
+    return TrainedExpert(WAREHOUSE, SAVE, seed, _expert(ExpertConfig(), profile), episodes(profile))
+
+
+def single_loop(profile: Profile) -> AIRLConfig:
+    """AIRL and the primary reward in a single loop, in Burning Warehouse."""
+    config = AIRLConfig(steps=500_000)
+    if profile == "paper":
+        config = replace(config, steps=1_000_000, architecture="conv", ppo=_paper(config.ppo))
+    return _airl(config, profile)
 
 
 def helper_or_cleaner(profile: Profile, weights: tuple[float, ...], seed: int) -> TrainedExpert:
@@ -101,6 +116,16 @@ def delivery_moral(profile: Profile, queries: int = 25) -> MoralConfig:
     """MORAL in Delivery."""
     config = replace(MoralConfig(), queries=queries)
     return _moral(config, profile, paper_steps=8_000_000)
+
+
+def coverage(profile: Profile, steps: int, paper_steps: int) -> CoverageConfig:
+    """One policy of a coverage set, in either world."""
+    config = CoverageConfig(steps, episodes(profile))
+    if profile == "smoke":
+        return replace(config, steps=_SMOKE_STEPS, ppo=_SMOKE)
+    if profile == "paper":
+        return replace(config, steps=paper_steps, ppo=_paper(config.ppo))
+    return config
 
 
 def drlhp(profile: Profile, world: WorldSpec, queries: int) -> DRLHPConfig:

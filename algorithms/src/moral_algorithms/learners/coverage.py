@@ -131,6 +131,7 @@ def solve(
     weights: ArrayLike,
     config: CoverageConfig,
     seed: int,
+    evaluation_seed: int = 0,
     device: str = "cpu",
     on_progress: OnProgress | None = None,
 ) -> Solution:
@@ -148,7 +149,10 @@ def solve(
     config
         How it is trained and measured.
     seed
-        Entropy of all of it. With the same seed, policies for other weights are measured on the same starts.
+        Entropy of training.
+    evaluation_seed
+        Entropy of the starts on which the policy is measured, and of its actions there: the same for all
+        policies that are to be compared.
     device
         Where networks live.
     on_progress
@@ -159,21 +163,13 @@ def solve(
     ValueError
         If the weights do not fit the components, or episodes of this world are not all equally long.
     """
-    training_seed, starts_seed, actions_seed = spawn_seeds(seed, 3)
     built = world.build()
-    # Made before training, so that what does not fit is found at once.
-    venv = ScalarisedRewards(EngineVecEnv(built, config.episodes, seed=starts_seed), components, weights)
     if built.ends_early:
         raise ValueError(f"world is {built.name}; its episodes must all take the same number of steps")
+    starts_seed, actions_seed = spawn_seeds(evaluation_seed, 2)
+    venv = ScalarisedRewards(EngineVecEnv(built, config.episodes, seed=starts_seed), components, weights)
     policy, env_steps = train_weighted(
-        world,
-        components,
-        weights,
-        config.ppo,
-        config.steps,
-        training_seed,
-        device,
-        on_progress=on_progress,
+        world, components, weights, config.ppo, config.steps, seed, device, on_progress=on_progress
     )
     with sampling_seed(actions_seed):
         objectives = _play(policy, venv)

@@ -1,0 +1,127 @@
+"""D4: coverage sets of MORAL and of PPO on the true rewards (thesis figure 5.5)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from benchmarks.harness import Benchmark, Check, Profile, Results, Run
+from benchmarks.harness.statistics import spread
+from benchmarks.rows.d3 import aligned_runs
+from benchmarks.rows.drawing import panels
+from benchmarks.stages import Aligned, Weighted
+from benchmarks.stages.settings import DELIVERY, coverage, seeds
+from moral_algorithms.indicators import convex_coverage, hypervolume
+
+_LAMBDAS = tuple(round(0.1 * tenths, 1) for tenths in range(11))
+"""As many as there are ratios: a set of more policies spans more."""
+
+_COUNTERS = ("helped", "cleaned", "vases_broken")
+
+
+def runs(profile: Profile) -> list[Run]:
+    """List MORAL for every ratio and seed, and PPO on cleaning and help for every lambda and seed."""
+    lambdas = _LAMBDAS[::5] if profile == "smoke" else _LAMBDAS
+    ppo = [
+        Weighted(
+            DELIVERY,
+            (weight, round(1 - weight, 6)),
+            seed,
+            ("clean", "help"),
+            config=coverage(profile, steps=800_000, paper_steps=8_000_000),
+        )
+        for weight in lambdas
+        for seed in seeds(profile)
+    ]
+    return [*aligned_runs(profile), *ppo]
+
+
+class CoverageSet(NamedTuple):
+    """What the policies of one method and seed achieve."""
+
+    collected: NDArray[np.float64]
+    """Mean (helped, cleaned) of each policy, shape (n, 2)."""
+    vases: NDArray[np.float64]
+    """Vases that each breaks on average, shape (n,)."""
+
+
+def judge(results: Results) -> list[Check]:
+    """Compare what both methods span, and what they break."""
+    moral, ppo = coverage_sets(results, Aligned), coverage_sets(results, Weighted)
+    both = sorted(moral.keys() & ppo.keys())
+    return compare([moral[seed] for seed in both], [ppo[seed] for seed in both]) if both else []
+
+
+def compare(moral: list[CoverageSet], ppo: list[CoverageSet]) -> list[Check]:
+    """Compare coverage sets, seed by seed."""
+    ratios = [
+        hypervolume(ours.collected, (0, 0)) / hypervolume(true.collected, (0, 0))
+        for ours, true in zip(moral, ppo, strict=True)
+    ]
+    broken, allowed = ([float(one.vases.mean()) for one in coverage_sets] for coverage_sets in (moral, ppo))
+    return [
+        Check(
+            "MORAL spans at least 0.95 of the hypervolume of PPO on the true rewards, in the mean",
+            spread(ratios, 3),
+            bool(np.mean(ratios) >= 0.95),
+            "ours",
+        ),
+        Check(
+            "MORAL breaks far fewer vases (less than half)",
+            f"{spread(broken)} against {spread(allowed)}",
+            bool(np.mean(broken) < 0.5 * np.mean(allowed)),
+            "thesis",
+        ),
+    ]
+
+
+def coverage_sets(results: Results, kind: type[Aligned] | type[Weighted]) -> dict[int, CoverageSet]:
+    """Collect the policies of one method, by seed."""
+    found: dict[int, list[list[float]]] = {}
+    for run, result in results.of(kind):
+        found.setdefault(run.seed, []).append([result["objectives"][name] for name in _COUNTERS])
+    rows = {seed: np.array(policies) for seed, policies in found.items()}
+    return {seed: CoverageSet(row[:, :2], row[:, 2]) for seed, row in rows.items()}
+
+
+def draw(results: Results) -> Figure:
+    """Draw the policies of both methods, coloured by vases, and each seed's convex coverage set."""
+    figure, axes = panels(2, width=5.0, height=4.4)
+    found: list[tuple[str, dict[int, Any]]] = [
+        ("MORAL, learned rewards", coverage_sets(results, Aligned)),
+        ("PPO, true rewards of help and cleaning", coverage_sets(results, Weighted)),
+    ]
+    drawn = [one for _, by_seed in found for one in by_seed.values()]
+    most = max((one.vases.max() for one in drawn), default=1.0)
+    reach = max((one.collected.max() for one in drawn), default=1.0)
+    for one, (title, by_seed) in zip(axes, found, strict=True):
+        _draw_sets(one, list(by_seed.values()), most)
+        one.set(xlabel="helped", ylabel="cleaned", title=title, xlim=(0, reach + 0.5), ylim=(0, reach + 0.5))
+    figure.colorbar(axes[-1].collections[0], ax=axes, label="vases broken", pad=0.01)
+    return figure
+
+
+def _draw_sets(axes: Axes, found: list[CoverageSet], most: float) -> None:
+    for one in found:
+        edge = one.collected[convex_coverage(one.collected)]
+        axes.plot(*edge[np.argsort(edge[:, 0])].T, "-", color="0.75", linewidth=1, zorder=1)
+    rows = [np.column_stack([one.collected, one.vases]) for one in found]
+    x, y, vases = np.concatenate([*rows, np.empty((0, 3))]).T
+    axes.scatter(x, y, c=vases, s=36, cmap="plasma", vmin=0, vmax=most, edgecolors="white", linewidths=0.5)
+
+
+BENCHMARK = Benchmark(
+    id="D4",
+    title="Coverage sets of MORAL and of PPO on the true rewards",
+    source="figure 5.5",
+    claim="MORAL's coverage set has the shape of PPO's and a slightly smaller volume, and breaks far fewer "
+    "vases.",
+    bar="MORAL spans 0.95 or more of PPO's hypervolume over (helped, cleaned).",
+    runs=runs,
+    judge=judge,
+    draw=draw,
+)

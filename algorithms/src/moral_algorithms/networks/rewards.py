@@ -59,7 +59,7 @@ class CountingEncoding(nn.Module):
 def _totals(states: torch.Tensor) -> torch.Tensor:
     """Count the ones on each plane of states (n, C, H, W), as int32 of shape (n, C)."""
     # Bytes are added up fastest in a byte, which holds no more than 255.
-    parts = states.flatten(2).split(255, dim=2)
+    parts = torch.split(states.flatten(2), 255, dim=2)
     return torch.stack([part.sum(dim=2, dtype=torch.uint8) for part in parts]).sum(dim=0, dtype=torch.int32)
 
 

@@ -121,7 +121,8 @@ class _ConvolutionalTrunk(BaseFeaturesExtractor):
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         with fast_matmul(observations.device):
             maps: torch.Tensor = self.layers(observations.contiguous(memory_format=torch.channels_last))
-        return maps.flatten(1)
+        # Channels last, as they lie in memory: any other order takes copies that cost more than the layers.
+        return maps.permute(0, 2, 3, 1).flatten(1)
 
 
 class _ConvolutionalHeads(nn.Module):
@@ -145,9 +146,10 @@ class _ConvolutionalHeads(nn.Module):
         return self._head(self.critic, features)
 
     def _head(self, head: nn.Sequential, features: torch.Tensor) -> torch.Tensor:
-        maps = features.reshape(-1, *self.map_shape)
+        channels, height, width = self.map_shape
+        maps = features.reshape(-1, height, width, channels).permute(0, 3, 1, 2)
         with fast_matmul(features.device):
-            latent: torch.Tensor = head(maps.contiguous(memory_format=torch.channels_last))
+            latent: torch.Tensor = head(maps)
         return latent.flatten(1).float()
 
 

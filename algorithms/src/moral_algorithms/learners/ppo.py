@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.utils import obs_as_tensor
@@ -19,7 +20,12 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from moral_algorithms.bridge import ScalarisedRewards
 from moral_algorithms.learners.checkpoints import load_optimiser_state, optimiser_state
-from moral_algorithms.networks.policies import POLICIES
+from moral_algorithms.networks.policies import (
+    POLICIES,
+    CroppingRolloutBuffer,
+    EgocentricFeatures,
+    EgocentricPolicy,
+)
 from moral_algorithms.storage import Arrays
 
 
@@ -110,8 +116,9 @@ def make_ppo(
         Folder for TensorBoard's event files; None writes none.
     """
     scaled = VecNormalize(venv, norm_obs=False, gamma=config.gamma)
+    policy = POLICIES[config.policy]
     model = PPO(
-        POLICIES[config.policy],
+        policy,
         scaled,
         n_steps=config.rollout_steps,
         batch_size=config.batch_size,
@@ -121,10 +128,14 @@ def make_ppo(
         gae_lambda=config.gae_lambda,
         clip_range=config.clip_range,
         ent_coef=config.entropy_start,
+        rollout_buffer_class=CroppingRolloutBuffer if issubclass(policy, EgocentricPolicy) else RolloutBuffer,
         policy_kwargs={"optimizer_kwargs": {"fused": True}},
         seed=seed,
         device=device,
     )
+    if isinstance(model.rollout_buffer, CroppingRolloutBuffer):
+        assert isinstance(model.policy.features_extractor, EgocentricFeatures)
+        model.rollout_buffer.crop = model.policy.features_extractor.crop
     # Without a folder, Stable-Baselines3's `configure` would leave an empty one among the temporary files.
     model.set_logger(
         Logger(None, []) if tensorboard is None else configure(str(tensorboard), ["tensorboard"])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from itertools import pairwise
 from typing import Any
 
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from torch import nn
 
 from moral_algorithms.networks.egocentric import EgocentricCrop
@@ -38,9 +41,20 @@ class EgocentricFeatures(BaseFeaturesExtractor):
         self.layers = nn.Sequential(*layers)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Features (n, hidden[-1]) of float32 observations (n, C, H, W)."""
+        """Features of a batch.
+
+        Parameters
+        ----------
+        observations
+            0/1 planes of any dtype, shape (n, C, H, W), or crops of them, shape (n, crop.size).
+
+        Returns
+        -------
+        float32 tensor of shape (n, hidden[-1])
+        """
+        crops = observations if observations.dim() == 2 else self.crop(observations)
         with fast_matmul(observations.device):
-            features: torch.Tensor = self.layers(self.crop(observations))
+            features: torch.Tensor = self.layers(crops.float())
         return features.float()
 
 
@@ -67,6 +81,33 @@ class EgocentricPolicy(ActorCriticPolicy):
         )
         super().__init__(*args, **kwargs)
 
+    def extract_features(  # type: ignore[override]
+        self, obs: torch.Tensor, features_extractor: BaseFeaturesExtractor | None = None
+    ) -> torch.Tensor:
+        """Features of planes (n, C, H, W) or of their crops (n, size)."""
+        # Without SB3's preprocessing, which makes whole planes float32 only to cut most of them away.
+        features: torch.Tensor = (features_extractor or self.features_extractor)(obs)
+        return features
+
+
+class CroppingRolloutBuffer(RolloutBuffer):
+    """SB3's rollout buffer; it hands out crops of the observations, made once instead of once an epoch.
+
+    Attributes
+    ----------
+    crop : EgocentricCrop
+        Makes them. SB3 builds the buffer before the policy: whoever builds both gives it the policy's.
+    """
+
+    crop: EgocentricCrop
+
+    def get(self, batch_size: int | None = None) -> Generator[RolloutBufferSamples, None, None]:
+        """Minibatches of the full buffer in random order, ``observations`` of shape (batch_size, size)."""
+        if not self.generator_ready:
+            crops = self.crop(self.to_torch(self.observations.reshape(-1, *self.obs_shape), copy=False))
+            self.observations = crops.cpu().numpy().reshape(self.buffer_size, self.n_envs, -1)
+        yield from super().get(batch_size)
+
 
 class _ConvolutionalTrunk(BaseFeaturesExtractor):
     """The two convolutions that actor and critic share (thesis B.1.1)."""
@@ -80,7 +121,8 @@ class _ConvolutionalTrunk(BaseFeaturesExtractor):
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         with fast_matmul(observations.device):
             maps: torch.Tensor = self.layers(observations.contiguous(memory_format=torch.channels_last))
-        return maps.flatten(1)
+        # Channels last, as they lie in memory: any other order takes copies that cost more than the layers.
+        return maps.permute(0, 2, 3, 1).flatten(1)
 
 
 class _ConvolutionalHeads(nn.Module):
@@ -104,9 +146,10 @@ class _ConvolutionalHeads(nn.Module):
         return self._head(self.critic, features)
 
     def _head(self, head: nn.Sequential, features: torch.Tensor) -> torch.Tensor:
-        maps = features.reshape(-1, *self.map_shape)
+        channels, height, width = self.map_shape
+        maps = features.reshape(-1, height, width, channels).permute(0, 3, 1, 2)
         with fast_matmul(features.device):
-            latent: torch.Tensor = head(maps.contiguous(memory_format=torch.channels_last))
+            latent: torch.Tensor = head(maps)
         return latent.flatten(1).float()
 
 

@@ -31,10 +31,9 @@ class EgocentricEncoding(nn.Module):
         self.size = self.crop.size + shape[0]
 
     def forward(self, states: torch.Tensor) -> torch.Tensor:
-        """Encode float32 states (n, C, H, W) as (n, size)."""
+        """Encode states (n, C, H, W), 0/1 planes of any dtype, as float32 (n, size)."""
         # A tenth, so that counts and 0/1 cells enter on one scale.
-        totals = states.flatten(2).sum(dim=2) * 0.1
-        return torch.cat([self.crop(states), totals], dim=1)
+        return torch.cat([self.crop(states).float(), _totals(states) * 0.1], dim=1)
 
 
 class CountingEncoding(nn.Module):
@@ -52,9 +51,16 @@ class CountingEncoding(nn.Module):
     _steps: torch.Tensor
 
     def forward(self, states: torch.Tensor) -> torch.Tensor:
-        """Encode float32 states (n, C, H, W) as (n, size)."""
-        totals = states.flatten(2).sum(dim=2, keepdim=True) >= self._steps
-        return torch.cat([self.crop(states), totals.flatten(1).to(states.dtype)], dim=1)
+        """Encode states (n, C, H, W), 0/1 planes of any dtype, as (n, size) of the same dtype."""
+        reached = _totals(states)[:, :, None] >= self._steps
+        return torch.cat([self.crop(states), reached.flatten(1).to(states.dtype)], dim=1)
+
+
+def _totals(states: torch.Tensor) -> torch.Tensor:
+    """Count the ones on each plane of states (n, C, H, W), as int32 of shape (n, C)."""
+    # Bytes are added up fastest in a byte, which holds no more than 255.
+    parts = torch.split(states.flatten(2), 255, dim=2)
+    return torch.stack([part.sum(dim=2, dtype=torch.uint8) for part in parts]).sum(dim=0, dtype=torch.int32)
 
 
 def _encoded_value(size: int, hidden: int = 128) -> nn.Sequential:
@@ -170,7 +176,7 @@ class ShapedRewardNetwork(nn.Module):
         assert states.shape[1:] == self.shape, f"{tuple(states.shape)} is not (n, *{self.shape})"
         assert states.shape == next_states.shape, f"{tuple(states.shape)} is not {tuple(next_states.shape)}"
         count = states.shape[0]
-        both = self.encoding(torch.cat([states, next_states]).float())
+        both = self.encoding(torch.cat([states, next_states])).float()
         potentials, base = _apply(self.h, both), _apply(self.g, both[:count])
         rewards: torch.Tensor = base + self.gamma * potentials[count:] - potentials[:count]
         return rewards.squeeze(1)
@@ -313,7 +319,7 @@ class ActionRewardEnsemble(nn.Module):
         """
         assert states.shape[1:] == self.shape, f"{tuple(states.shape)} is not (n, *{self.shape})"
         assert actions.shape == states.shape[:1], f"{tuple(actions.shape)} is not ({len(states)},)"
-        encoded, taken = self.encoding(states.float()), actions.long()
+        encoded, taken = self.encoding(states).float(), actions.long()
         return torch.cat([member(encoded, taken) for member in self.members], dim=1).T
 
     def standardised(self, states: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:

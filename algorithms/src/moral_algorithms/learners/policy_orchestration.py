@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.policies import ActorCriticPolicy
 
 from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards, Transitions
 from moral_algorithms.bridge.reward_vector import require_weights
@@ -40,9 +41,9 @@ from moral_envs.world import World
 class ArmConfig:
     """How a policy that pursues one reward alone is trained."""
 
-    steps: int = 150_000
+    steps: int = 200_000
     """Environment steps."""
-    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.05, entropy_end=0.01))
+    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.1, entropy_end=0.02))
     """Hyperparameters of PPO."""
 
     def __post_init__(self) -> None:
@@ -193,8 +194,8 @@ class Orchestration(NamedTuple):
 
 def train_arm(
     world: WorldSpec, reward: RewardComponent, config: ArmConfig, seed: int, device: str = "cpu"
-) -> Arm:
-    """Train a policy that pursues one reward alone, learned or primary.
+) -> ActorCriticPolicy:
+    """Train the policy of an arm, which pursues one reward alone, learned or primary.
 
     Parameters
     ----------
@@ -213,7 +214,7 @@ def train_arm(
     venv = ScalarisedRewards(EngineVecEnv(built, config.ppo.num_envs, seed=seed), [reward], [1.0])
     model = make_ppo(config.ppo, venv, seed, device)
     learn(model, config.steps, standard_callbacks(config.ppo, config.steps, built.objective_names, None))
-    return Arm(model.policy, reward)
+    return model.policy
 
 
 def train_orchestrator(

@@ -27,7 +27,7 @@ Outperform experts
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -36,16 +36,23 @@ from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run, Workspace
 from benchmarks.harness.statistics import spread
-from benchmarks.stages import Aligned, FromPreferences, LearnedNorm, PrimaryReturn, TrainedExpert
+from benchmarks.stages import Aligned, FromPreferences, LearnedNorm, PrimaryReturn
 from benchmarks.stages.measuring import EVALUATION_SEED, measure
+from benchmarks.stages.settings import (
+    EMERGENCY,
+    SAVE,
+    SAVE_FIRST,
+    drlhp,
+    emergency_moral,
+    episodes,
+    primary,
+    saving,
+    seeds,
+)
 from moral_algorithms.bridge import LearnedReward, PrimaryReward, RewardComponent
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.evaluation import Policy, RandomPolicy
-from moral_algorithms.learners.airl import AIRLConfig
-from moral_algorithms.learners.drlhp import DRLHPConfig
 from moral_algorithms.learners.ethics_shaping import EthicsShapingConfig, train_ethics_shaping
-from moral_algorithms.learners.expert import ExpertConfig
-from moral_algorithms.learners.moral import MoralConfig
 from moral_algorithms.learners.policy_orchestration import (
     Arm,
     ArmConfig,
@@ -70,9 +77,19 @@ THESIS = {
 }
 """Table 6.1: a mark for each method, in the order of METHODS."""
 
-_EXTINGUISH = "extinguish"
-# Steps by the extinguisher first, then people: the opposite of the teacher's default.
+FIRE = (1.0, 0.0)
+"""Weights of (extinguish, save) of the second expert, who stands by the extinguisher."""
+
+# The opposite of the teacher who wants people saved first.
 _FIRE_FIRST = TeacherConfig(order=("goal_time", "people_saved"))
+_RANDOM_ACTIONS = 0.5
+_ANSWERS = 25
+# Settings of the baselines' knobs: c_n = c_p, and the share of the primary reward or of the second expert.
+_SCALES = (0.0, 0.3, 1.0, 3.0)
+_SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 1.0)
+# Where three trainings of each method have to fit into a few minutes, shorter than the defaults.
+_AIRL_STEPS = 300_000
+_STEPS = 400_000
 
 
 @dataclass(frozen=True)
@@ -160,7 +177,7 @@ class TrainedArm(Run):
         return source.world if isinstance(source, PrimaryReturn) else source.expert.world
 
     def reward(self, workspace: Workspace) -> RewardComponent:
-        """The reward, normalised by the return of who pursues it (eq. 5.2)."""
+        """Make the reward, normalised by the return of who pursues it (eq. 5.2)."""
         source = self.source
         if isinstance(source, PrimaryReturn):
             scale = 1 / workspace.result_of(source)["return"]
@@ -172,8 +189,8 @@ class TrainedArm(Run):
         """Train the policy and measure it."""
         directory = RunDirectory(workspace.folder)
         (seed,) = spawn_seeds(self.seed, 1)
-        arm = train_arm(self.world, self.reward(workspace), self.config, seed)
-        save_policy(directory.policy, arm.policy, self.config.ppo.policy, self.world)
+        policy = train_arm(self.world, self.reward(workspace), self.config, seed)
+        save_policy(directory.policy, policy, self.config.ppo.policy, self.world)
         return {**measure(directory.policy, self.episodes), "env_steps": self.config.steps}
 
 
@@ -208,133 +225,57 @@ class Orchestrated(Run):
         return {**_measured(found.policy, world, self.episodes), "env_steps": found.env_steps}
 
 
-class _Sizes(NamedTuple):
-    """How large a profile is."""
-
-    world: WorldSpec
-    seeds: int
-    episodes: int
-    demonstrations: int
-    scales: tuple[float, ...]
-    shares: tuple[float, ...]
-    expert: ExpertConfig
-    airl: AIRLConfig
-    moral: MoralConfig
-    drlhp: DRLHPConfig
-    few_answers: DRLHPConfig
-    shaping: EthicsShapingConfig
-    arm: ArmConfig
-    orchestration: OrchestrationConfig
-
-
-_LAPTOP = _Sizes(
-    world=WorldSpec("emergency"),
-    seeds=3,
-    episodes=500,
-    demonstrations=1000,
-    scales=(0.0, 0.3, 1.0, 3.0),
-    shares=(0.0, 0.02, 0.05, 0.1, 0.2, 1.0),
-    expert=ExpertConfig(),
-    airl=AIRLConfig(steps=300_000),
-    moral=MoralConfig(steps=400_000),
-    drlhp=DRLHPConfig(),
-    few_answers=DRLHPConfig(steps=400_000, queries=25),
-    shaping=EthicsShapingConfig(),
-    arm=ArmConfig(),
-    orchestration=OrchestrationConfig(),
-)
-
-
-def _sizes(profile: Profile) -> _Sizes:
-    if profile == "laptop":
-        return _LAPTOP
-    if profile == "paper":
-        return _LAPTOP._replace(
-            seeds=5, airl=AIRLConfig(), moral=MoralConfig(), few_answers=DRLHPConfig(queries=25)
-        )
-    short = {"num_envs": 16, "rollout_steps": 16, "batch_size": 128, "epochs": 1}
-    ppo = replace(ArmConfig().ppo, **short)
-    reward = replace(DRLHPConfig().reward, members=1, updates=1, initial_updates=2)
-    drlhp = DRLHPConfig(steps=1024, queries=8, clip_length=5, reward=reward, ppo=ppo)
-    return _LAPTOP._replace(
-        world=WorldSpec("emergency", {"height": 5, "width": 5, "num_people": 2, "max_cycles": 10}),
-        seeds=1,
-        episodes=20,
-        demonstrations=20,
-        scales=(0.0, 3.0),
-        shares=(0.05, 1.0),
-        expert=ExpertConfig(max_steps=1024, ppo=ppo),
-        airl=AIRLConfig(
-            steps=1024, discriminator_updates=1, discriminator_batch=32, normaliser_episodes=10, ppo=ppo
-        ),
-        moral=MoralConfig(steps=1024, queries=3, candidates=20, samples=50, ppo=ppo),
-        drlhp=drlhp,
-        few_answers=replace(drlhp, queries=4),
-        shaping=EthicsShapingConfig(steps=2000, num_envs=16),
-        arm=ArmConfig(steps=1024, ppo=ppo),
-        orchestration=OrchestrationConfig(steps=1000, value_episodes=10, num_envs=16),
-    )
-
-
 def runs(profile: Profile) -> list[Run]:
     """List the runs of a profile."""
-    sizes = _sizes(profile)
-    found: list[Run] = [Reachable(sizes.world, sizes.episodes)]
-    for seed in range(sizes.seeds):
-        found += _runs_of_seed(sizes, seed)
+    found: list[Run] = [Reachable(EMERGENCY, episodes(profile))]
+    for seed in seeds(profile):
+        found += _runs_of_seed(profile, seed)
     return found
 
 
-def _runs_of_seed(sizes: _Sizes, seed: int) -> Iterable[Run]:
-    saving, fire = (
-        LearnedNorm(
-            TrainedExpert(sizes.world, weights, seed, sizes.expert, sizes.episodes),
-            seed,
-            sizes.demonstrations,
-            sizes.airl,
-            sizes.episodes,
-            random_actions=0.5,
-        )
-        for weights in ((0.0, 1.0), (1.0, 0.0))
-    )
-    yield saving
-    primary = (
-        PrimaryReturn(sizes.world, _EXTINGUISH, seed, sizes.expert)
-        if sizes.seeds == 1
-        else (PrimaryReturn(sizes.world, _EXTINGUISH, seed))
-    )
-    strongest = max(sizes.scales)
+def _runs_of_seed(profile: Profile, seed: int) -> Iterator[Run]:
+    measured = episodes(profile)
+    save = replace(saving(profile, seed), random_actions=_RANDOM_ACTIONS)
+    if profile == "laptop":
+        save = replace(save, config=replace(save.config, steps=_AIRL_STEPS))
+    fire = replace(save, expert=replace(save.expert, weights=FIRE))
+    yield save
+    yield fire
 
-    def shaped(scale: float, norms: tuple[LearnedNorm, ...] = (saving,), **changes: Any) -> Shaped:
-        config = replace(sizes.shaping, penalty=scale, bonus=scale, **changes)
-        return Shaped(norms, seed, config, sizes.episodes)
+    scales = (0.0, 3.0) if profile == "smoke" else _SCALES
+    shaping = replace(EthicsShapingConfig(), steps=6400) if profile == "smoke" else EthicsShapingConfig()
 
-    for scale in sizes.scales:
-        yield shaped(scale)
-    yield shaped(strongest, features="planes")
-    yield shaped(strongest, (saving, fire), primary=())
+    def shaped(scale: float, norms: tuple[LearnedNorm, ...] = (save,), **changes: Any) -> Shaped:
+        return Shaped(norms, seed, replace(shaping, penalty=scale, bonus=scale, **changes), measured)
 
-    arms = {
-        name: TrainedArm(source, seed, sizes.arm, sizes.episodes)
-        for name, source in (("primary", primary), ("saving", saving), ("fire", fire))
-    }
-    planes = replace(sizes.orchestration, context="planes")
-    for share in sizes.shares:
-        for first, config in (
-            ("primary", sizes.orchestration),
-            ("primary", planes),
-            ("fire", sizes.orchestration),
-        ):
-            # With all planes it is only asked how many people it saves, for which the primary end is no help.
-            if config is planes and share == max(sizes.shares):
-                continue
-            yield Orchestrated((arms[first], arms["saving"]), share, seed, config, sizes.episodes)
+    yield from (shaped(scale) for scale in scales)
+    yield shaped(max(scales), features="planes")
+    yield shaped(max(scales), (save, fire), primary=())
 
-    yield FromPreferences(sizes.world, TeacherConfig(), seed, sizes.drlhp, episodes=sizes.episodes)
-    for teacher in (TeacherConfig(), _FIRE_FIRST):
-        yield FromPreferences(sizes.world, teacher, seed, sizes.few_answers, episodes=sizes.episodes)
-        yield Aligned((saving,), teacher, seed, (primary,), config=sizes.moral, episodes=sizes.episodes)
-    yield Aligned((saving, fire), TeacherConfig(), seed, config=sizes.moral, episodes=sizes.episodes)
+    extinguish = primary(profile, EMERGENCY, "extinguish", seed)
+    arm = replace(ArmConfig(), steps=6400) if profile == "smoke" else ArmConfig()
+    selfish, saver, keeper = (TrainedArm(one, seed, arm, measured) for one in (extinguish, save, fire))
+    shares = (0.05, 1.0) if profile == "smoke" else _SHARES
+    bandit = OrchestrationConfig()
+    if profile == "smoke":
+        bandit = replace(bandit, steps=6400, value_episodes=20)
+    for share in shares:
+        yield Orchestrated((selfish, saver), share, seed, bandit, measured)
+        yield Orchestrated((keeper, saver), share, seed, bandit, measured)
+        # From planes it is only asked how many people it saves, for which the other end is no help.
+        if share < max(shares):
+            planes = replace(bandit, context="planes")
+            yield Orchestrated((selfish, saver), share, seed, planes, measured)
+
+    yield FromPreferences(EMERGENCY, SAVE_FIRST, seed, drlhp(profile, EMERGENCY, 1000), episodes=measured)
+    few = drlhp(profile, EMERGENCY, 4 if profile == "smoke" else _ANSWERS)
+    moral = emergency_moral(profile, _ANSWERS)
+    if profile == "laptop":
+        few, moral = replace(few, steps=_STEPS), replace(moral, steps=_STEPS)
+    for teacher in (SAVE_FIRST, _FIRE_FIRST):
+        yield FromPreferences(EMERGENCY, teacher, seed, few, episodes=measured)
+        yield Aligned((save,), teacher, seed, (extinguish,), config=moral, episodes=measured)
+    yield Aligned((save, fire), SAVE_FIRST, seed, config=moral, episodes=measured)
 
 
 def _measured(policy: Policy, world: WorldSpec, episodes: int) -> dict[str, Any]:
@@ -426,14 +367,14 @@ def scores(results: Results) -> dict[tuple[str, str], list[float]]:
     demonstrated = {
         run.seed: result["demonstrated"]["people_saved"]
         for run, result in results.of(LearnedNorm)
-        if run.expert.weights == (0.0, 1.0)
+        if run.expert.weights == SAVE
     }
 
     def saved(policies: _Policies) -> float:
-        return max(one["people_saved"] for one in policies) / people
+        return float(max(one["people_saved"] for one in policies) / people)
 
     def compromise(policies: _Policies) -> float:
-        return max(min(one[name] / both[name] for name in both) for one in policies)
+        return float(max(min(one[name] / both[name] for name in both) for one in policies))
 
     found: dict[tuple[str, str], list[float]] = {}
     for method, by_seed in _policies(results).items():
@@ -538,8 +479,8 @@ BENCHMARK = Benchmark(
     id="T1",
     title="What four methods can do",
     source="table 6.1",
-    claim="Only MORAL has all four: function approximation, several objectives, several experts, and policies "
-    "that outperform their experts.",
+    claim="Only MORAL has all four: function approximation, several objectives, several experts, and "
+    "policies that outperform their experts.",
     bar="The two baselines small but real, so that the table is measured.",
     runs=runs,
     judge=judge,

@@ -45,9 +45,9 @@ class EthicsShapingConfig:
     """What the table tells apart: nearest (cells of agent and nearest person) or planes (every state)."""
     primary: tuple[str, ...] = ("extinguish",)
     """Components of the world's reward vector that the agent is given; there may be none."""
-    penalty: float = 1.0
+    penalty: float = 3.0
     """c_n, for doing what people hardly do."""
-    bonus: float = 1.0
+    bonus: float = 3.0
     """c_p, for doing what people mostly do."""
     rare: float = 0.04
     """tau_n, the probability below which people hardly do something."""

@@ -86,7 +86,7 @@ _RANDOM_ACTIONS = 0.5
 _ANSWERS = 25
 # Settings of the baselines' knobs: c_n = c_p, and the share of the primary reward or of the second expert.
 _SCALES = (0.0, 0.3, 1.0, 3.0)
-_SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 1.0)
+_SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 1.0)
 # Where three trainings of each method have to fit into a few minutes, shorter than the defaults.
 _AIRL_STEPS = 300_000
 _STEPS = 400_000

@@ -50,7 +50,7 @@ def results() -> Results:
         ("multi-objective", "ethics shaping", 0.95),
         ("multiple experts", "ethics shaping", 10 / 50),
         ("outperform experts", "ethics shaping", 5.7 / 5),
-        # 30 of 60 steps is its worst wish, but 30 of 50 steps its worst part of both.
+        # For goal time alone 30 of 60 steps; for both 30 of 50.
         ("multi-objective", "policy orchestration", 0.5),
         ("multiple experts", "policy orchestration", 0.6),
         ("multi-objective", "DRLHP", 20 / 60),
@@ -68,7 +68,7 @@ def test_scores_by_hand(results: Results, capability: str, method: str, score: f
 @pytest.mark.parametrize(
     ("capability", "values", "mark"),
     [
-        ("multi-objective", [0.85, 0.95], "✓"),
+        ("multi-objective", [0.88, 0.96], "✓"),
         ("multi-objective", [0.8, 0.9], "~"),
         ("multi-objective", [0.3, 0.6], "✗"),
         ("outperform experts", [1.01, 1.2], "✓"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -70,6 +71,8 @@ class LearnedNorm(Run):
     """How AIRL trains."""
     episodes: int = 500
     """Episodes over which the imitator is measured."""
+    random_actions: float = 0.0
+    """Share of the demonstrated actions that are random instead."""
 
     def needs(self) -> tuple[Run, ...]:
         """Name the expert."""
@@ -79,15 +82,8 @@ class LearnedNorm(Run):
         """Record the expert, learn from the record and measure the imitator."""
         directory = RunDirectory(workspace.folder)
         recorded = workspace.folder / "demonstrations.npz"
+        shown = self.record(workspace.of(self.expert), recorded)
         setting = pipeline.Setting()
-        recorded.unlink(missing_ok=True)
-        shown = pipeline.demonstrate(
-            RunDirectory(workspace.of(self.expert)).policy,
-            recorded,
-            self.demonstrations,
-            stage_seed(self.seed, "demonstrations"),
-            setting,
-        )
         if directory.summary.exists():
             summary = read_json(directory.summary)
         else:
@@ -103,6 +99,31 @@ class LearnedNorm(Run):
             "env_steps": summary["env_steps"],
             "seconds": summary["wall_seconds"],
         }
+
+    def record(self, expert: Path, path: Path) -> dict[str, Any]:
+        """Record the demonstrations in a file, always the same ones.
+
+        Parameters
+        ----------
+        expert
+            Folder of the expert.
+        path
+            The file; one that is there is replaced.
+
+        Returns
+        -------
+        dict
+            As :func:`~moral_algorithms.pipeline.demonstrate` does.
+        """
+        path.unlink(missing_ok=True)
+        return pipeline.demonstrate(
+            RunDirectory(expert).policy,
+            path,
+            self.demonstrations,
+            stage_seed(self.seed, "demonstrations"),
+            pipeline.Setting(),
+            self.random_actions,
+        )
 
     def _learned_returns(self, directory: RunDirectory, workspace: Workspace) -> dict[str, dict[str, float]]:
         """Mean and spread of the learned reward's returns, for the expert and the imitator, on new starts."""

@@ -44,6 +44,43 @@ class RandomPolicy:
         return self._rng.integers(self._num_actions, size=len(observation)), None
 
 
+class CarelessPolicy:
+    """Does at random, now and then, something else than another policy would.
+
+    Parameters
+    ----------
+    policy
+        What it does otherwise.
+    share
+        Probability of an action at random, all actions alike; 0 to 1.
+    num_actions
+        Number of actions.
+    rng
+        Source of randomness.
+
+    Raises
+    ------
+    ValueError
+        If ``share`` is no probability.
+    """
+
+    def __init__(self, policy: Policy, share: float, num_actions: int, rng: np.random.Generator) -> None:
+        if not 0 <= share <= 1:
+            raise ValueError(f"share is {share}; it must be 0 to 1")
+        self._policy = policy
+        self._share = share
+        self._num_actions = num_actions
+        self._rng = rng
+
+    def predict(
+        self, observation: NDArray[np.uint8], *, deterministic: bool = False
+    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
+        """Actions (n,) for observations (n, C, H, W)."""
+        meant, _ = self._policy.predict(observation, deterministic=deterministic)
+        careless = self._rng.random(len(observation)) < self._share
+        return np.where(careless, self._rng.integers(self._num_actions, size=len(observation)), meant), None
+
+
 class Episodes(NamedTuple):
     """Whole episodes, played side by side."""
 

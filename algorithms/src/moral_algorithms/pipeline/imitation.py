@@ -6,9 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from moral_algorithms.bridge.reward_vector import require_weights
 from moral_algorithms.demonstrations import Demonstrations
-from moral_algorithms.evaluation import play_episodes
+from moral_algorithms.evaluation import CarelessPolicy, play_episodes
 from moral_algorithms.learners.airl import AIRLConfig, train_airl
 from moral_algorithms.learners.expert import ExpertConfig, train_expert
 from moral_algorithms.learners.ppo import sampling_seed
@@ -85,7 +87,9 @@ def expert(
     return summary
 
 
-def demonstrate(source: Path, path: Path, episodes: int, seed: int, setting: Setting) -> dict[str, Any]:
+def demonstrate(
+    source: Path, path: Path, episodes: int, seed: int, setting: Setting, random_actions: float = 0.0
+) -> dict[str, Any]:
     """Record episodes of an expert.
 
     Parameters
@@ -100,6 +104,8 @@ def demonstrate(source: Path, path: Path, episodes: int, seed: int, setting: Set
         Entropy of starts and actions.
     setting
         How the stage is run.
+    random_actions
+        Share of the actions that are random instead, as those of a careless demonstrator.
 
     Returns
     -------
@@ -109,7 +115,7 @@ def demonstrate(source: Path, path: Path, episodes: int, seed: int, setting: Set
     Raises
     ------
     ValueError
-        If ``episodes`` is below 1.
+        If ``episodes`` is below 1, or ``random_actions`` is no probability.
     StorageError
         If the policy cannot be read, or the file exists or cannot be written.
     """
@@ -117,12 +123,16 @@ def demonstrate(source: Path, path: Path, episodes: int, seed: int, setting: Set
     if path.exists():
         raise StorageError(f"{path} exists; choose another name")
     policy, world = load_policy(source, setting.device)
+    built = world.build()
     clock = StageClock()
     starts_seed, actions_seed = spawn_seeds(seed, 2)
+    demonstrator = CarelessPolicy(
+        policy, random_actions, built.num_actions, np.random.default_rng(actions_seed)
+    )
     with setting.stage("demonstrations"), sampling_seed(actions_seed):
-        played = play_episodes(policy, world.build(), episodes, starts_seed)
+        played = play_episodes(demonstrator, built, episodes, starts_seed)
         Demonstrations(world, played.states, played.actions, played.objectives).save(path)
-    objectives = name_values(world.build().objective_names, played.objectives.mean(axis=0))
+    objectives = name_values(built.objective_names, played.objectives.mean(axis=0))
     return {"env_steps": played.actions.size, **clock.summary(), "objectives": objectives}
 
 

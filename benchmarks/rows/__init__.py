@@ -1,7 +1,7 @@
 """One module per figure or table of the thesis, and per comparison; each has a ``BENCHMARK``."""
 
 ORDER: tuple[str, ...] = (
-    *("e3", "e6", "e7", "e8"),
+    *("e1", "e2", "e3", "e6", "e7", "e8"),
     *("d1", "d2", "d3", "d5", "d6", "d7", "d8", "d9", "d10"),
 )
 """The modules, in the order of the report."""

@@ -3,5 +3,6 @@
 ORDER: tuple[str, ...] = (
     *("e1", "e2", "e3", "e6", "e7", "e8"),
     *("d1", "d2", "d3", "d5", "d6", "d7", "d8", "d9", "d10"),
+    "peers",
 )
 """The modules, in the order of the report."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run, Workspace
 from benchmarks.harness.statistics import interquartile_mean, stratified_interval
+from benchmarks.rows.drawing import CYCLE, INK, panels
 from moral_algorithms.learners.monte_carlo import MonteCarloConfig, monte_carlo_control
 from moral_envs import windy_wall_v0
 from moral_envs.world import NUM_MOVES, World
@@ -286,20 +287,18 @@ def draw(results: Results) -> Figure:
     """Draw learning curves, and the exact returns of the final greedy policies."""
     found = by_decay(results)
     _, optimum = yardsticks()
-    figure = Figure(figsize=(10, 4.2), layout="constrained")
-    curves, finals = figure.subplots(1, 2, width_ratios=(3, 2))
-    for number, (decay, seeds) in enumerate(found.items()):
-        colour = f"C{number}"
+    figure, (curves, finals) = panels(2, width=5.2, height=4)
+    for number, ((decay, seeds), colour) in enumerate(zip(found.items(), CYCLE, strict=False)):
         _draw_curves(curves, decay, np.array([one["returns"] for one in seeds]), colour)
         _draw_finals(finals, number, np.array([one["greedy_return"] for one in seeds]), colour)
     for axes in (curves, finals):
-        axes.axhline(optimum, color="black", linestyle="--", linewidth=1, label="exact optimum")
+        axes.axhline(optimum, color=INK, linestyle="--", linewidth=1, label="exact optimum")
     curves.set(xlabel="episode", ylabel="return of the episode, exploration included", ylim=(-250, 0))
-    curves.set_title("Learning: median over seeds, middle half shaded", loc="left", fontsize=10)
-    curves.legend(loc="lower right", frameon=False)
+    curves.set_title("Learning: median over seeds, middle half shaded")
+    curves.legend(loc="lower right", frameon=False, fontsize=8)
     finals.set(xlabel="decay β", ylabel="exact return of the greedy policy")
     finals.set_xticks(range(len(found)), [str(decay) for decay in found])
-    finals.set_title("After learning: one dot a seed", loc="left", fontsize=10)
+    finals.set_title("After learning: one dot a seed")
     return figure
 
 

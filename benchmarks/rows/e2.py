@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest  # type: ignore[import-untyped]
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run, Workspace
+from benchmarks.rows.drawing import CYCLE, INK, panels
 from moral_envs import noisy_constraint_v0
 from moral_envs.noisy_constraint_v0 import success_probability
 
@@ -187,10 +188,11 @@ def _lead_over_peak(successes: NDArray[np.int64], decisions: int, middle: int) -
 
 def draw(results: Results) -> Figure:
     """Draw the closed form as lines, the simulation as dots with 95 % intervals."""
-    figure = Figure(figsize=(7, 4.2), layout="constrained")
-    axes = figure.subplots()
-    for number, (noise, (successes, decisions)) in enumerate(pooled(results).items()):
-        colour = f"C{number}"
+    figure, (axes,) = panels(1, width=7, height=4.2)
+    for number, ((noise, (successes, decisions)), colour) in enumerate(
+        zip(pooled(results).items(), CYCLE, strict=False)
+    ):
+        # Every third threshold, another third for each curve: closer dots would hide the lines.
         shown = slice(number % 3, None, 3)
         counts = successes[shown]
         axes.plot(THRESHOLDS, closed_form(noise), color=colour, linewidth=1, label=f"$\\sigma$ = {noise}")
@@ -201,12 +203,12 @@ def draw(results: Results) -> Figure:
         axes.errorbar(
             THRESHOLDS[shown], shares, np.maximum([below, above], 0), fmt="o", color=colour, markersize=3.5
         )
-    axes.axvline(PEAK, color="black", linestyle=":", linewidth=1)
+    axes.axvline(PEAK, color=INK, linestyle=":", linewidth=1)
     axes.set(
         xlabel="threshold on the learned cost", ylabel="probability of the wanted policy", ylim=(0, 1.02)
     )
-    axes.set_title("Equation 3.6 (lines) and decisions played out (dots)", loc="left", fontsize=10)
-    axes.legend(frameon=False)
+    axes.set_title("Equation 3.6 (lines) and decisions played out (dots)")
+    axes.legend(frameon=False, fontsize=8)
     return figure
 
 

@@ -26,10 +26,13 @@ def crop(planes: NDArray[np.uint8], radius: int) -> NDArray[np.float32]:
     -------
     float32 array of shape ((C - 1) * (2 * radius + 1) ** 2,)
     """
-    row, column = divmod(int(planes[AGENT].argmax()), planes.shape[2])
-    margin = ((0, 0), (radius, radius), (radius, radius))
-    padded = np.pad(np.delete(planes, AGENT, axis=0).astype(np.float32), margin)
-    padded[WALLS] = np.pad(planes[WALLS], radius, constant_values=1)
+    count, height, width = planes.shape
+    row, column = divmod(int(planes[AGENT].argmax()), width)
+    # By hand: np.pad takes ten times as long as everything else here.
+    padded = np.zeros((count - 1, height + 2 * radius, width + 2 * radius), dtype=np.float32)
+    padded[WALLS] = 1
+    inside = padded[:, radius : radius + height, radius : radius + width]
+    inside[:AGENT], inside[AGENT:] = planes[:AGENT], planes[AGENT + 1 :]
     window = padded[:, row : row + 2 * radius + 1, column : column + 2 * radius + 1]
     return np.ascontiguousarray(window).reshape(-1)
 

@@ -12,7 +12,6 @@ on seeds from 100 on and other starts; seeds 0 to 2 were run once.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -24,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.strangers.egocentric import Egocentric
-from benchmarks.strangers.record import provenance, results_file, store
+from benchmarks.strangers.record import kept_runs, provenance, results_file, store
 from moral_envs import optimal
 
 HORIZON = 75
@@ -185,15 +184,6 @@ def summarise(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def kept_runs(path: Path, config: Config) -> list[dict[str, Any]]:
-    """Find runs that an interrupted call with the same settings has left."""
-    if not path.exists():
-        return []
-    stored = json.loads(path.read_text())
-    same = {**stored["config"], "seeds": None} == json.loads(json.dumps({**asdict(config), "seeds": None}))
-    return [one for one in stored["runs"] if one["seed"] in config.seeds] if same else []
-
-
 def main(options: Sequence[str] | None = None) -> None:
     """Run all seeds, print the figures and store them after every seed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -204,7 +194,7 @@ def main(options: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(options)
     config = replace(Config(), seeds=tuple(arguments.seeds), steps=arguments.steps)
     started = time.perf_counter()
-    runs = kept_runs(arguments.json, config) if arguments.resume else []
+    runs = kept_runs(arguments.json, config.seeds, asdict(config)) if arguments.resume else []
     for seed in config.seeds:
         if seed in [one["seed"] for one in runs]:
             continue

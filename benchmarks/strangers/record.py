@@ -78,3 +78,22 @@ def store(path: Path, record: dict[str, Any]) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_text(json.dumps(record, indent=2) + "\n")
     temporary.replace(path)
+
+
+def kept_runs(path: Path, seeds: Sequence[int], config: dict[str, Any]) -> list[dict[str, Any]]:
+    """Find runs that an interrupted call with the same settings has left.
+
+    Parameters
+    ----------
+    path
+        The results file, if there is one.
+    seeds
+        Seeds that are wanted.
+    config
+        The settings; which seeds they name does not matter.
+    """
+    if not path.exists():
+        return []
+    stored = json.loads(path.read_text())
+    same = {**stored["config"], "seeds": None} == json.loads(json.dumps({**config, "seeds": None}))
+    return [one for one in stored["runs"] if one["seed"] in seeds] if same else []

@@ -20,7 +20,7 @@ if [[ -n "$fresh" || ! -e "$venv/.installed" ]]; then
   install pip
   install -r "$here/requirements.txt"
   # Of what these declare, their parts that are used here need no more than the line above brings.
-  install --no-deps morl-baselines mo-gymnasium momaland
+  install --no-deps morl-baselines mo-gymnasium momaland imitation
   git archive HEAD envs | tar -x -C "$build"
   pip wheel --no-deps --no-build-isolation --wheel-dir "$build" "$build/envs"
   pip install --no-deps "$build"/moral_envs-*.whl
@@ -30,7 +30,9 @@ fi
 # The wheel, not the sources beside it; one thread; no account at wandb.
 unset PYTHONPATH
 export OMP_NUM_THREADS=1 WANDB_MODE=disabled
-if [[ $# -eq 0 ]]; then set -- speed sb3_linear_reward mo_gymnasium_chain momaland_chain envelope; fi
+if [[ $# -eq 0 ]]; then
+  set -- speed sb3_linear_reward mo_gymnasium_chain momaland_chain envelope imitation_airl imitation_preferences
+fi
 for stranger in "$@"; do
   echo "== $stranger"
   "$venv/bin/python" -m "benchmarks.strangers.$stranger"

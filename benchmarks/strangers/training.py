@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.strangers.record import provenance, results_file, store
+from benchmarks.strangers.record import kept_runs, provenance, results_file, store
 from moral_envs import optimal
 
 Policy = Callable[[Any], int]
@@ -154,13 +154,16 @@ def train_and_report(stranger: Stranger, config: Any, options: Sequence[str] | N
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="one run each")
     parser.add_argument("--steps", type=int, default=config.steps, help="environment steps of a run")
     parser.add_argument("--json", type=Path, default=results_file(stranger.name), help="file for the results")
+    parser.add_argument("--resume", action="store_true", help="keep the runs that the file already holds")
     arguments = parser.parse_args(options)
     config = replace(config, steps=arguments.steps)
     started = time.perf_counter()
     beside = stranger.baselines(config)
     report("random actions", beside["random"])
-    runs: list[dict[str, Any]] = []
+    runs = kept_runs(arguments.json, arguments.seeds, asdict(config)) if arguments.resume else []
     for seed in arguments.seeds:
+        if seed in [one["seed"] for one in runs]:
+            continue
         before = time.perf_counter()
         outcome = stranger.run(seed, config)
         runs.append({"seed": seed, **outcome, "seconds": round(time.perf_counter() - before, 1)})

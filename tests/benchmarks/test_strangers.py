@@ -97,6 +97,9 @@ def test_a_stranger_reports_every_seed_and_its_workarounds(
     def baselines(config: LittleSettings) -> dict[str, dict[str, float]]:
         return {"random": {"scalarised_return": 1.0}, "optimum": {"scalarised_return": 21.0}}
 
+    def fail(seed: int, config: LittleSettings) -> dict[str, Any]:
+        raise AssertionError(f"seed {seed} is there already")
+
     path = tmp_path / "results.json"
     stranger = Stranger("nobody", "Nobody.", run, baselines, ["nothing fits"], ["pytest"])
     options = ["--seeds", "0", "2", "4", "--steps", "9", "--json", str(path)]
@@ -115,6 +118,8 @@ def test_a_stranger_reports_every_seed_and_its_workarounds(
     assert found["workarounds"] == ["nothing fits"]
     assert {"python", "moral-envs", "pytest"} <= found["versions"].keys()
     assert "- nothing fits" in capsys.readouterr().out
+    training.train_and_report(replace(stranger, run=fail), LittleSettings(), [*options, "--resume"])
+    assert json.loads(path.read_text()) == found
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -127,15 +132,15 @@ def test_the_exact_front_is_that_of_the_held_out_starts() -> None:
     assert front[0, 0] <= 7.5
 
 
-def test_envelope_goes_on_only_with_the_same_settings(tmp_path: Path) -> None:
+def test_kept_runs_are_those_with_the_same_settings(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
-    config = envelope.Config()
-    assert envelope.kept_runs(path, config) == []
+    config = asdict(envelope.Config())
+    assert record.kept_runs(path, (0, 1, 2), config) == []
     runs = [{"seed": 0, "ratio": 0.7}, {"seed": 9, "ratio": 0.5}]
-    record.store(path, {"config": asdict(config), "runs": runs})
-    assert envelope.kept_runs(path, config) == [runs[0]]
-    assert envelope.kept_runs(path, replace(config, seeds=(9,))) == [runs[1]]
-    assert envelope.kept_runs(path, replace(config, steps=1)) == []
+    record.store(path, {"config": config, "runs": runs})
+    assert record.kept_runs(path, (0, 1, 2), config) == [runs[0]]
+    assert record.kept_runs(path, (9,), {**config, "seeds": (9,)}) == [runs[1]]
+    assert record.kept_runs(path, (0, 1, 2), {**config, "steps": 1}) == []
 
 
 def test_every_seed_has_to_reach_the_bar() -> None:

@@ -1,0 +1,137 @@
+"""`imitation`'s AIRL on Emergency: people saved after learning from demonstrations of an expert who saves.
+
+    python -m benchmarks.strangers.imitation_airl
+
+One run learns from 50 episodes of this project's own expert and, anew, from 500. They lie in ``saving.npz``,
+which was made by ``moral expert --world emergency --weights 0 1 --seed 100 --out EXPERT`` and
+``moral demonstrate --expert EXPERT --episodes 500 --out saving.npz``. The settings were chosen on seeds from
+100 on, beginning with those of `imitation`'s documentation; seeds 0 to 2 were run once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.strangers.egocentric import crop
+from benchmarks.strangers.imitation_emergency import (
+    PACKAGES,
+    WORKAROUNDS,
+    LearnerConfig,
+    Progress,
+    make_envs,
+    make_ppo,
+    measure,
+    silent_logger,
+)
+from benchmarks.strangers.training import Stranger, emergency_baselines, train_and_report
+
+DEMONSTRATIONS = Path(__file__).parent / "saving.npz"
+
+
+@dataclass(frozen=True)
+class Config(LearnerConfig):
+    """What is run.
+
+    Parameters
+    ----------
+    weights
+        Scalarisation weights of (extinguish, save): the expert's.
+    demonstrations
+        Episodes to learn from, one training each.
+    demo_batch_size, n_disc_updates_per_round
+        As in `imitation`'s AIRL.
+    reward_hid_sizes, potential_hid_sizes
+        As in its ``BasicShapedRewardNet``.
+    """
+
+    steps: int = 300_000
+    weights: tuple[float, float] = (0.0, 1.0)
+    demonstrations: tuple[int, ...] = (50, 500)
+    demo_batch_size: int = 512
+    n_disc_updates_per_round: int = 8
+    reward_hid_sizes: tuple[int, ...] = (32,)
+    potential_hid_sizes: tuple[int, ...] = (32, 32)
+
+
+def read_demonstrations(path: Path, episodes: int, radius: int) -> list[Any]:
+    """Read the first episodes of a file as `imitation`'s trajectories of crops.
+
+    Raises
+    ------
+    ValueError
+        If the file holds fewer.
+    """
+    from imitation.data.types import Trajectory
+
+    with np.load(path, allow_pickle=False) as stored:
+        states, actions = stored["states"], stored["actions"]
+    if len(actions) < episodes:
+        raise ValueError(f"{path} holds {len(actions)} episodes; it must hold at least {episodes}")
+    return [
+        Trajectory(
+            obs=np.array([crop(planes, radius) for planes in states[episode]]),
+            acts=actions[episode].astype(np.int64),
+            infos=None,
+            terminal=True,
+        )
+        for episode in range(episodes)
+    ]
+
+
+def train(seed: int, config: Config, episodes: int) -> tuple[Any, Progress]:
+    """Train one imitator."""
+    from imitation.algorithms.adversarial.airl import AIRL
+    from imitation.rewards.reward_nets import BasicShapedRewardNet, NormalizedRewardNet
+    from imitation.util.networks import RunningNorm
+
+    progress = Progress()
+    envs = make_envs(config, progress, seed)
+    learner = make_ppo(envs, config, seed)
+    reward = BasicShapedRewardNet(
+        envs.observation_space,
+        envs.action_space,
+        normalize_input_layer=RunningNorm,
+        reward_hid_sizes=config.reward_hid_sizes,
+        potential_hid_sizes=config.potential_hid_sizes,
+        discount_factor=config.gamma,
+    )
+    with silent_logger() as logger:
+        trainer = AIRL(
+            demonstrations=read_demonstrations(DEMONSTRATIONS, episodes, config.radius),
+            demo_batch_size=config.demo_batch_size,
+            n_disc_updates_per_round=config.n_disc_updates_per_round,
+            venv=envs,
+            gen_algo=learner,
+            reward_net=NormalizedRewardNet(reward, normalize_output_layer=RunningNorm),
+            custom_logger=logger,
+        )
+        progress.begin()
+        trainer.train(config.steps, callback=progress.note)
+    return learner, progress
+
+
+def run(seed: int, config: Config) -> dict[str, Any]:
+    """Train from every number of demonstrations and measure; the figures are those from the most."""
+    sizes = []
+    for episodes in config.demonstrations:
+        learner, progress = train(seed, config, episodes)
+        sizes.append({"demonstrations": episodes, **measure(learner, progress, config)})
+    most = sizes[-1]
+    return {name: most[name] for name in ("scalarised_return", "goal_time", "people_saved")} | {
+        "sizes": sizes
+    }
+
+
+def main(options: Sequence[str] | None = None) -> None:
+    """Run all seeds, print the figures and store them."""
+    stranger = Stranger("imitation_airl", __doc__, run, emergency_baselines, WORKAROUNDS, PACKAGES)
+    train_and_report(stranger, Config(), options)
+
+
+if __name__ == "__main__":
+    main()

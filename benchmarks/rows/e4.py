@@ -50,7 +50,7 @@ def runs(profile: Profile) -> list[Run]:
 def judge(results: Results) -> list[Check]:
     """Look for the lambdas that save everyone, for what lies on their sides, and measure the front."""
     groups = _by_lambda(results)
-    means = {weight: np.mean([_place(one) for one in found], axis=0) for weight, found in groups.items()}
+    means = {weight: np.mean([place(one) for one in found], axis=0) for weight, found in groups.items()}
     saving_all = [weight for weight, (_, saved) in means.items() if saved >= _ALL_SAVED]
     checks = []
     best = max(saving_all, key=lambda weight: means[weight][0], default=None)
@@ -60,7 +60,7 @@ def judge(results: Results) -> list[Check]:
             Check("some lambda saves everyone and leaves time for the goal", value, False, "thesis")
         )
     else:
-        goal, saved = zip(*(_place(one) for one in groups[best]), strict=True)
+        goal, saved = zip(*(place(one) for one in groups[best]), strict=True)
         raw = [_unnormalised(best, one["scales"]) for one in groups[best]]
         checks += [
             Check(
@@ -102,7 +102,7 @@ def draw(results: Results) -> Figure:
     places = list(range(len(groups)))
     second = over.twinx()
     for axes, column, colour, name in ((over, 1, BLUE, "people saved"), (second, 0, ORANGE, "goal time")):
-        values = [[_place(one)[column] for one in found] for found in groups.values()]
+        values = [[place(one)[column] for one in found] for found in groups.values()]
         over_seeds(axes, places, values, colour, name)
         axes.set_ylabel(name, color=colour)
     over.set_xticks(places, [f"{weight:g}" for weight in groups])
@@ -110,10 +110,10 @@ def draw(results: Results) -> Figure:
     second.set(ylim=(-2, 75))
     second.spines["top"].set_visible(False)
 
-    exact = _exact(results)
+    exact = exact_vertices(results)
     outline = np.concatenate([[[0.0, exact[-1, 1]]], exact[::-1]])
     front.plot(*outline.T, "-", color=INK, linewidth=1.2, label="exact coverage set")
-    points = np.array([_place(one) for found in groups.values() for one in found])
+    points = np.array([place(one) for found in groups.values() for one in found])
     weights = np.array([weight for weight, found in groups.items() for _ in found])
     coloured_points(figure, front, points, weights, "lambda")
     front.set(xlabel="goal time", ylabel="people saved", xlim=(-2, 75), ylim=(-0.2, 6.4))
@@ -128,7 +128,8 @@ def _by_lambda(results: Results) -> dict[float, list[dict[str, Any]]]:
     return dict(sorted(found.items()))
 
 
-def _place(result: dict[str, Any]) -> tuple[float, float]:
+def place(result: dict[str, Any]) -> tuple[float, float]:
+    """Find goal time and people saved in a result."""
     goal_time, people_saved = (result["objectives"][name] for name in _AXES)
     return goal_time, people_saved
 
@@ -146,7 +147,7 @@ def _unnormalised(weight: float, scales: dict[str, float]) -> float:
     return primary_share / (primary_share + learned_share)
 
 
-def _exact(results: Results) -> NDArray[np.float64]:
+def exact_vertices(results: Results) -> NDArray[np.float64]:
     """Vertices (goal time, people saved) of the exact coverage set, on the starts of the policies."""
     run, _ = results.of(Weighted)[0]
     world = run.world.build()
@@ -156,10 +157,10 @@ def _exact(results: Results) -> NDArray[np.float64]:
 
 def _hypervolume_ratios(results: Results) -> list[float]:
     """Hypervolume of each seed's policies, as a part of the exact coverage set's."""
-    whole = hypervolume(_exact(results), (0, 0))
+    whole = hypervolume(exact_vertices(results), (0, 0))
     by_seed: dict[int, list[tuple[float, float]]] = {}
     for run, result in results.of(Weighted):
-        by_seed.setdefault(run.seed, []).append(_place(result))
+        by_seed.setdefault(run.seed, []).append(place(result))
     return [hypervolume(points, (0, 0)) / whole for points in by_seed.values()]
 
 

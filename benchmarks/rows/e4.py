@@ -18,7 +18,9 @@ from moral_algorithms.indicators import hypervolume
 from moral_algorithms.seeding import spawn_seeds
 from moral_envs.optimal import coverage_set, seeded_starts
 
-_LAMBDAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.7, 1.0)
+LAMBDAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.7, 1.0)
+"""Weights of the primary reward."""
+
 _AXES = ("goal_time", "people_saved")
 _ALL_SAVED = 5.9
 """Mean of six people from which on all count as saved."""
@@ -26,7 +28,7 @@ _ALL_SAVED = 5.9
 
 def swept(profile: Profile) -> list[Weighted]:
     """List a policy for every lambda and seed, on normalised rewards."""
-    lambdas = _LAMBDAS[::5] if profile == "smoke" else _LAMBDAS
+    lambdas = LAMBDAS[::5] if profile == "smoke" else LAMBDAS
     return [
         Weighted(
             EMERGENCY,

@@ -18,6 +18,7 @@ from moral_algorithms.bridge import (
     ScalarisedRewards,
     Transitions,
 )
+from moral_algorithms.networks.rewards import ShapedRewardNetwork
 from moral_envs import delivery_v0, emergency_v0
 from moral_envs.world import NUM_ACTIONS
 from tests.algorithms.tiny import EMERGENCY, scalarised
@@ -37,14 +38,14 @@ class ActionReward:
         return rewards
 
 
-class MovedReward(nn.Module):
+class MovedReward(ShapedRewardNetwork):
     """How many cells of the agent plane differ between s and s', plus ten for each object that is gone."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        super().__init__(shape, "mlp")
         self.ten = nn.Parameter(torch.tensor(10.0))
 
-    def forward(self, states: torch.Tensor, next_states: torch.Tensor) -> torch.Tensor:
+    def of_encoded(self, states: torch.Tensor, next_states: torch.Tensor) -> torch.Tensor:
         moved = (states[:, 1] != next_states[:, 1]).sum(dim=(1, 2))
         gone = states[:, 2:].sum(dim=(1, 2, 3)) - next_states[:, 2:].sum(dim=(1, 2, 3))
         return moved + self.ten * gone
@@ -108,8 +109,9 @@ def test_a_reset_starts_returns_anew() -> None:
 
 def test_a_learned_reward_sees_the_true_next_state() -> None:
     world = emergency_v0.world(5, 5, 3, max_cycles=3)
-    learned = LearnedReward("moved", MovedReward(), scale=2.0)
-    venv = ScalarisedRewards(EngineVecEnv(world, 16, seed=4), [learned], [1.0])
+    engine = EngineVecEnv(world, 16, seed=4)
+    learned = LearnedReward("moved", MovedReward(engine.engine.observation_shape), scale=2.0)
+    venv = ScalarisedRewards(engine, [learned], [1.0])
     rng = np.random.default_rng(0)
     observations = venv.reset()
     for _ in range(3):
@@ -122,6 +124,41 @@ def test_a_learned_reward_sees_the_true_next_state() -> None:
         saved = np.array([info["vector_reward"][1] for info in infos])
         np.testing.assert_allclose(rewards, 2 * (moved + 10 * saved))
     assert dones.all()
+
+
+def test_networks_share_encodings_and_pay_what_each_pays_alone() -> None:
+    engine = EngineVecEnv(DELIVERY, 8, seed=1)
+    torch.manual_seed(0)
+    networks = [
+        ShapedRewardNetwork(engine.engine.observation_shape, architecture)
+        for architecture in ("counting", "counting", "fast")
+    ]
+    learned = [LearnedReward(str(number), network, 2.0) for number, network in enumerate(networks)]
+    venv = ScalarisedRewards(engine, learned, [1.0, 1.0, 1.0])
+    assert learned[0].encoded is learned[1].encoded
+    assert learned[0].encoded is not learned[2].encoded
+    encoded: list[int] = []
+    for network in networks:
+        network.encoding.register_forward_hook(lambda _, inputs, __: encoded.append(len(inputs[0])))
+    rng = np.random.default_rng(0)
+    venv.reset()
+    steps = 3 * DELIVERY.horizon
+    for step in range(steps):
+        venv.step(rng.integers(NUM_ACTIONS, size=8))
+        assert engine.transitions is not None
+        states = torch.from_numpy(engine.transitions.observations)
+        next_states = torch.from_numpy(engine.transitions.next_observations)
+        done = len(encoded)
+        with torch.no_grad():
+            alone = np.stack([2 * network(states, next_states).numpy() for network in networks], axis=1)
+        del encoded[done:]
+        np.testing.assert_allclose(venv.rewards, alone, atol=1e-6)
+        if step == steps // 2:
+            # Trained in the meantime, as AIRL does.
+            with torch.no_grad():
+                networks[1].g[0].weight += 1
+    # Per architecture: the first state of each of three episodes, and every next state.
+    assert encoded == [8] * 2 * (3 + steps)
 
 
 def test_goes_on_exactly_from_a_saved_state() -> None:

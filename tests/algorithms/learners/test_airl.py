@@ -146,8 +146,9 @@ def discriminate(
     venv = EngineVecEnv(WORLD, 16, seed=seed)
     torch.manual_seed(seed)
     network = ShapedRewardNetwork(SHAPE, "fast", 0.95)
-    model = make_ppo(still, ScalarisedRewards(venv, [LearnedReward("f", network)], [1.0]), seed)
-    discriminator = Discriminator(venv, network, demonstrations, settings, seed)
+    component = LearnedReward("f", network)
+    model = make_ppo(still, ScalarisedRewards(venv, [component], [1.0]), seed)
+    discriminator = Discriminator(venv, component, demonstrations, settings, seed)
     accuracies = Accuracies()
     learn(model, steps, [discriminator, accuracies])
     return discriminator, network, accuracies
@@ -163,15 +164,20 @@ def test_updates_raise_the_accuracy_on_both_sides(demonstrations: Demonstrations
     assert balanced[-1] > 0.75
 
 
-def test_the_discriminator_sees_transitions_of_both_sides(demonstrations: Demonstrations) -> None:
-    states = demonstrations.states
-    demonstrated = set(pair_keys(states[:, :-1], states[:, 1:]))
+def test_the_discriminator_sees_transitions_of_both_sides(
+    demonstrations: Demonstrations, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encoding = ShapedRewardNetwork(SHAPE, "fast").encoding
+    states = (
+        torch.from_numpy(part) for part in (demonstrations.states[:, :-1], demonstrations.states[:, 1:])
+    )
+    demonstrated = set(pair_keys(*(encoding(part.reshape(-1, *SHAPE)) for part in states)))
     stepped: set[tuple[bytes, bytes]] = set()
     checked = 0
+    of_encoded = ShapedRewardNetwork.of_encoded
 
-    def look(network: torch.nn.Module, states: tuple[torch.Tensor, torch.Tensor]) -> None:
+    def look(network: ShapedRewardNetwork, now: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         nonlocal checked
-        now, after = (tensor.numpy() for tensor in states)
         if len(now) == 16:
             # The reward of a step in 16 environments.
             stepped.update(pair_keys(now, after))
@@ -182,21 +188,16 @@ def test_the_discriminator_sees_transitions_of_both_sides(demonstrations: Demons
             assert len(set(pair_keys(now[:128], after[:128]))) > 30
             assert len(set(pair_keys(now[128:], after[128:]))) > 30
             checked += 1
+        return of_encoded(network, now, after)
 
-    handle = torch.nn.modules.module.register_module_forward_pre_hook(
-        lambda module, states: look(module, states) if isinstance(module, ShapedRewardNetwork) else None
-    )
-    try:
-        discriminate(demonstrations, 128, discriminator_updates=3)
-    finally:
-        handle.remove()
+    monkeypatch.setattr(ShapedRewardNetwork, "of_encoded", look)
+    discriminate(demonstrations, 128, discriminator_updates=3)
     assert checked == 3
 
 
-def pair_keys(now: NDArray[np.uint8], after: NDArray[np.uint8]) -> list[tuple[bytes, bytes]]:
-    """States (..., C, H, W) and next states as something that a set can hold."""
-    now, after = now.reshape(-1, *SHAPE), after.reshape(-1, *SHAPE)
-    return [(one.tobytes(), other.tobytes()) for one, other in zip(now, after, strict=True)]
+def pair_keys(now: torch.Tensor, after: torch.Tensor) -> list[tuple[bytes, bytes]]:
+    """Encoded states (n, size) and next states as something that a set can hold."""
+    return [(one.tobytes(), other.tobytes()) for one, other in zip(now.numpy(), after.numpy(), strict=True)]
 
 
 def test_the_returned_network_is_an_average_over_updates(demonstrations: Demonstrations) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,10 +11,9 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
-from torch import nn
 
 from moral_algorithms.bridge.vec_env import EngineVecEnv, Transitions
-from moral_algorithms.networks.rewards import ActionRewardEnsemble
+from moral_algorithms.networks.rewards import ActionRewardEnsemble, ShapedRewardNetwork
 
 
 class RewardComponent(Protocol):
@@ -58,6 +58,33 @@ class PrimaryReward:
         return rewards
 
 
+class EncodedStates:
+    """What reward networks of one architecture see of the last states, each batch encoded once for all.
+
+    The next states of one step are the states of the following one, unless an episode ended.
+
+    Parameters
+    ----------
+    network
+        One of the networks; its encoding holds nothing that is learned.
+    """
+
+    def __init__(self, network: ShapedRewardNetwork) -> None:
+        self._encoding = network.encoding
+        self._device = next(network.parameters()).device
+        # A step asks for two batches. Arrays are told apart by identity, so they are kept.
+        self._last: deque[tuple[NDArray[np.uint8], torch.Tensor]] = deque(maxlen=2)
+
+    def __call__(self, states: NDArray[np.uint8]) -> torch.Tensor:
+        """Encode states (n, C, H, W); an array that is given again must not have changed."""
+        for known, seen in self._last:
+            if known is states:
+                return seen
+        encoded: torch.Tensor = self._encoding(torch.from_numpy(states).to(self._device))
+        self._last.append((states, encoded))
+        return encoded
+
+
 class LearnedReward:
     """A component computed by a reward network on (s, s'), times a constant.
 
@@ -66,24 +93,27 @@ class LearnedReward:
     name
         Its name in the reward vector.
     network
-        Maps two batches of uint8 states (n, C, H, W) to float32 rewards (n,), all on one device.
+        AIRL's reward f(s, s'); its parameters may change between two steps.
     scale
         What it is multiplied with, for instance one over the imitation policy's return (eq. 5.2).
+
+    Attributes
+    ----------
+    encoded : EncodedStates
+        What the network sees; components of one architecture on one device may share it.
     """
 
-    def __init__(self, name: str, network: nn.Module, scale: float = 1.0) -> None:
+    def __init__(self, name: str, network: ShapedRewardNetwork, scale: float = 1.0) -> None:
         self.name = name
         self.network = network
         self.scale = scale
+        self.encoded = EncodedStates(network)
 
     def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
         """Compute rewards of shape (n,)."""
-        device = next(self.network.parameters()).device
         with torch.no_grad():
-            rewards = self.network(
-                torch.from_numpy(transitions.observations).to(device),
-                torch.from_numpy(transitions.next_observations).to(device),
-            )
+            states = self.encoded(transitions.observations)
+            rewards = self.network.of_encoded(states, self.encoded(transitions.next_observations))
         array: NDArray[np.float32] = rewards.cpu().numpy() * np.float32(self.scale)
         return array
 
@@ -113,6 +143,16 @@ class LearnedActionReward:
             )
         array: NDArray[np.float32] = rewards.cpu().numpy()
         return array
+
+
+def _share_encodings(components: Iterable[RewardComponent]) -> None:
+    """Let learned rewards of one architecture encode each state once for all of them."""
+    shared: dict[tuple[str, torch.device], EncodedStates] = {}
+    for component in components:
+        if isinstance(component, LearnedReward):
+            device = next(component.network.parameters()).device
+            key = (component.network.architecture, device)
+            component.encoded = shared.setdefault(key, component.encoded)
 
 
 def require_weights(weights: ArrayLike, names: Sequence[str]) -> NDArray[np.float32]:
@@ -170,6 +210,7 @@ class ScalarisedRewards(VecEnvWrapper):
         self.components = tuple(components)
         if len(set(self.names)) != len(self.names):
             raise ValueError(f"components are named {self.names}; every name must be another")
+        _share_encodings(self.components)
         self.weights = weights
         self.rewards = np.zeros((self.num_envs, len(self.components)), dtype=np.float32)
         self.returns = np.zeros_like(self.rewards)

@@ -27,13 +27,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.utils import get_device
 from torch.nn import functional
 
-from moral_algorithms.bridge import (
-    EngineVecEnv,
-    LearnedReward,
-    RewardComponent,
-    ScalarisedRewards,
-    Transitions,
-)
+from moral_algorithms.bridge import EngineVecEnv, LearnedReward, RewardComponent, ScalarisedRewards
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.evaluation import play_episodes
 from moral_algorithms.learners.ppo import (
@@ -148,7 +142,7 @@ def train_airl(
     component = LearnedReward("imitate", network.to(get_device(device)))
     venv = ScalarisedRewards(engine, [*others, component], weights)
     model = make_ppo(config.ppo, venv, ppo_seed, device, tensorboard)
-    discriminator = Discriminator(engine, network, demonstrations, config, batch_seed)
+    discriminator = Discriminator(engine, component, demonstrations, config, batch_seed)
     standard = standard_callbacks(config.ppo, config.steps, world.objective_names, on_progress)
     callbacks = [*standard, discriminator]
     if metrics is not None:
@@ -187,7 +181,7 @@ def episode_returns(network: ShapedRewardNetwork, states: NDArray[np.uint8]) -> 
     return total
 
 
-# States (n, C, H, W), next states and log-probabilities of the actions (n,).
+# Encoded states, as many encoded next states and log-probabilities of the actions (n,).
 _Sample = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
 
@@ -198,8 +192,8 @@ class Discriminator(BaseCallback):
     ----------
     venv
         The environments that PPO acts in.
-    network
-        The reward f; its weights change in place.
+    component
+        The reward f in those environments; its network's weights change in place.
     demonstrations
         The expert's episodes.
     config
@@ -218,28 +212,31 @@ class Discriminator(BaseCallback):
     def __init__(
         self,
         venv: EngineVecEnv,
-        network: ShapedRewardNetwork,
+        component: LearnedReward,
         demonstrations: Demonstrations,
         config: AIRLConfig,
         seed: int,
     ) -> None:
         super().__init__()
         self._venv = venv
-        self._network = network
-        self.averaged = copy.deepcopy(network)
+        self._encoded = component.encoded
+        self._network = component.network
+        self.averaged = copy.deepcopy(self._network)
         self.accuracies: dict[str, float] = {}
         self._config = config
         self._rng = np.random.default_rng(seed)
         self._optimiser = torch.optim.Adam(
-            network.parameters(), lr=config.discriminator_learning_rate, fused=True
+            self._network.parameters(), lr=config.discriminator_learning_rate, fused=True
         )
         self._demonstrations = demonstrations
-        self._rollout: list[Transitions] = []
+        self._rollout: list[tuple[torch.Tensor, torch.Tensor]] = []
         self._updates = 0
 
     def _on_step(self) -> bool:
-        assert self._venv.transitions is not None
-        self._rollout.append(self._venv.transitions)
+        step = self._venv.transitions
+        assert step is not None
+        # The reward of this step has had them encoded.
+        self._rollout.append((self._encoded(step.observations), self._encoded(step.next_observations)))
         return True
 
     def _on_rollout_end(self) -> None:
@@ -276,7 +273,7 @@ class Discriminator(BaseCallback):
         Returns the accuracies on the two halves.
         """
         # D = exp(f) / (exp(f) + pi), so its logit is f - log pi.
-        logits = self._network(states, next_states) - log_probabilities
+        logits = self._network.of_encoded(states, next_states) - log_probabilities
         half = len(logits) // 2
         labels = torch.zeros_like(logits)
         labels[half:] = 1
@@ -296,17 +293,12 @@ class Discriminator(BaseCallback):
     def _sample_policy(self, count: int) -> _Sample:
         """Draw states, next states and log-probabilities of actions from the last rollout."""
         assert isinstance(self.model, PPO)
-        device = self.model.device
-        states = np.stack([step.observations for step in self._rollout])
-        next_states = np.stack([step.next_observations for step in self._rollout])
+        states, next_states = (torch.stack(part) for part in zip(*self._rollout, strict=True))
         # They are the current policy's: it has not been updated since.
         log_probabilities = self.model.rollout_buffer.log_probs
         taken = tuple(self._rng.integers(bound, size=count) for bound in log_probabilities.shape)
-        return (
-            torch.from_numpy(states[taken]).to(device),
-            torch.from_numpy(next_states[taken]).to(device),
-            torch.from_numpy(log_probabilities[taken]).to(device),
-        )
+        chosen = torch.from_numpy(log_probabilities[taken]).to(self.model.device)
+        return states[taken], next_states[taken], chosen
 
     def _sample_demonstrations(self, count: int) -> _Sample:
         """Draw the same from the demonstrations; the log-probabilities are the current policy's."""
@@ -318,8 +310,9 @@ class Discriminator(BaseCallback):
         next_states = torch.from_numpy(demonstrations.states[episodes, steps + 1]).to(device)
         actions = torch.from_numpy(demonstrations.actions[episodes, steps].astype(np.int64)).to(device)
         with torch.no_grad():
-            _, log_probabilities, _ = self.model.policy.evaluate_actions(states.float(), actions)
-        return states, next_states, log_probabilities
+            _, log_probabilities, _ = self.model.policy.evaluate_actions(states, actions)
+            encoding = self._network.encoding
+            return encoding(states), encoding(next_states), log_probabilities
 
 
 class _Record(BaseCallback):

@@ -175,8 +175,12 @@ class ShapedRewardNetwork(nn.Module):
         """
         assert states.shape[1:] == self.shape, f"{tuple(states.shape)} is not (n, *{self.shape})"
         assert states.shape == next_states.shape, f"{tuple(states.shape)} is not {tuple(next_states.shape)}"
+        return self.of_encoded(self.encoding(states), self.encoding(next_states))
+
+    def of_encoded(self, states: torch.Tensor, next_states: torch.Tensor) -> torch.Tensor:
+        """Rewards (n,) of states and next states that have been through ``encoding``."""
         count = states.shape[0]
-        both = self.encoding(torch.cat([states, next_states])).float()
+        both = torch.cat([states, next_states]).float()
         potentials, base = _apply(self.h, both), _apply(self.g, both[:count])
         rewards: torch.Tensor = base + self.gamma * potentials[count:] - potentials[:count]
         return rewards.squeeze(1)

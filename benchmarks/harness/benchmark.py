@@ -15,7 +15,7 @@ Profile = Literal["smoke", "laptop", "paper"]
 
 PROFILES: tuple[Profile, ...] = ("smoke", "laptop", "paper")
 
-Verdict = Literal["holds", "differs", "fails"]
+Verdict = Literal["holds", "differs", "fails", "not run"]
 
 AnyRun = TypeVar("AnyRun", bound=Run)
 
@@ -85,8 +85,10 @@ class Benchmark:
 
 
 def verdict(checks: Sequence[Check]) -> Verdict:
-    """All statements are met: *holds*; some: *differs*; none: *fails*."""
+    """All statements are met: *holds*; some: *differs*; none: *fails*; there are none: *not run*."""
     met = [check.met for check in checks]
+    if not met:
+        return "not run"
     if all(met):
         return "holds"
     return "differs" if any(met) else "fails"

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from benchmarks.harness.benchmark import Benchmark, Check, Profile, Results, verdict
+from benchmarks.harness.benchmark import Benchmark, Check, Profile, Results, Verdict, verdict
 from benchmarks.harness.run import with_needs
 from benchmarks.harness.store import Store
 from benchmarks.harness.sweep import tell
@@ -23,8 +23,8 @@ class Section(NamedTuple):
     """What the report says of one benchmark."""
 
     benchmark: Benchmark
-    verdict: str
-    """holds, differs, fails, or *not run*."""
+    verdict: Verdict
+    """Of the runs that are finished."""
     checks: list[Check]
     done: int
     """Finished runs, those counted that they need."""
@@ -36,6 +36,11 @@ class Section(NamedTuple):
     """What the runs took together."""
     commits: list[str]
     """Commits they were done at."""
+
+    @property
+    def provisional(self) -> bool:
+        """Whether the verdict is of a part of the runs."""
+        return 0 < self.done < self.total
 
 
 def judge(benchmark: Benchmark, store: Store, profile: Profile) -> tuple[Results, list[Check]]:
@@ -76,10 +81,11 @@ def write_report(benchmarks: Sequence[Benchmark], store: Store, profile: Profile
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["cell"] = _cell
     values: dict[str, Any] = {
         "sections": sections,
         "profile": profile,
-        "counts": {name: sum(one.verdict == name for one in sections) for name in _VERDICTS},
+        "counts": {name: sum(one.verdict == name for one in sections) for name in get_args(Verdict)},
         "machines": _machines(benchmarks, store, profile),
     }
     for template, name in (("report.html", "index.html"), ("report.md", "report.md")):
@@ -89,7 +95,9 @@ def write_report(benchmarks: Sequence[Benchmark], store: Store, profile: Profile
     return folder / "index.html"
 
 
-_VERDICTS = ("holds", "differs", "fails", "not run")
+def _cell(text: object) -> str:
+    """Write a text into a cell of a Markdown table."""
+    return " ".join(str(text).split()).replace("|", "\\|")
 
 
 def _section(benchmark: Benchmark, store: Store, profile: Profile, folder: Path) -> Section:
@@ -107,14 +115,20 @@ def _section(benchmark: Benchmark, store: Store, profile: Profile, folder: Path)
             file.write(content.getvalue())
     return Section(
         benchmark,
-        verdict(checks) if checks else "not run",
+        verdict(checks),
         checks,
         len(finished),
         len(records),
         picture,
         tell(sum(record["duration_seconds"] for record in finished)),
-        sorted({str(record["commit"])[:12] for record in finished}),
+        sorted({_short(record["commit"]) for record in finished if record["commit"]}),
     )
+
+
+def _short(commit: str) -> str:
+    """Shorten a commit's name, and keep the mark of a changed working tree."""
+    name, dash, mark = commit.partition("-")
+    return f"{name[:12]}{dash}{mark}"
 
 
 def _machines(benchmarks: Sequence[Benchmark], store: Store, profile: Profile) -> list[str]:

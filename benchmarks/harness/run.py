@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -25,8 +27,9 @@ class Workspace(NamedTuple):
 class Run:
     """One run of a benchmark; a subclass adds fields that JSON can hold, and `execute`.
 
-    Fields are numbers, strings, booleans, None, and tuples, mappings and frozen dataclasses of those; runs
-    may hold other runs. Two runs of the same class and fields are the same run and are done once.
+    Fields are finite numbers, strings, booleans, None, and tuples, mappings with string keys and frozen
+    dataclasses of those; runs may hold other runs. Two runs of the same class and fields are the same run and
+    are done once; 1, 1.0 and -0.0, 0 are the same numbers.
     """
 
     leaves_files: ClassVar[bool] = False
@@ -56,18 +59,24 @@ class Run:
         """Name of the class."""
         return type(self).__name__
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Name under which its record is kept: its kind, and a hash of what differs from the defaults.
 
         Settings that are added later, with a default that keeps the old behaviour, leave it as it is. A
         default that changes is found by comparing the whole configuration; see :class:`Store`.
+
+        Raises
+        ------
+        TypeError
+            If a field holds what it may not.
+        ValueError
+            If a number is not finite.
         """
-        canonical = json.dumps(_differing(self), sort_keys=True)
-        return f"{self.kind}-{hashlib.sha256(canonical.encode()).hexdigest()[:16]}"
+        return f"{self.kind}-{hashlib.sha256(_canonical(_differing(self)).encode()).hexdigest()[:16]}"
 
     def configuration(self) -> dict[str, Any]:
-        """Every setting, as plain values."""
+        """Every setting, as plain values; those of a dataclass with its name as ``kind``."""
         configuration: dict[str, Any] = _plain(self)
         return configuration
 
@@ -87,35 +96,55 @@ def with_needs(runs: Sequence[Run]) -> list[Run]:
     return list(found.values())
 
 
+def agrees(stored: Any, wanted: Any) -> bool:
+    """Whether two configurations of the same key agree in all that the stored one knows.
+
+    Settings of a dataclass that it does not know were added since it was stored, with a default.
+    """
+    if isinstance(stored, dict) and isinstance(wanted, dict):
+        same_names = stored.keys() == wanted.keys() or ("kind" in stored and stored.keys() < wanted.keys())
+        return same_names and all(agrees(entry, wanted[name]) for name, entry in stored.items())
+    if isinstance(stored, list) and isinstance(wanted, list):
+        return len(stored) == len(wanted) and all(map(agrees, stored, wanted))
+    return _canonical(stored) == _canonical(wanted)
+
+
+def _canonical(plain: Any) -> str:
+    """Write plain values so that equal ones give equal text, and a boolean differs from a number."""
+    return json.dumps(plain, sort_keys=True, allow_nan=False)
+
+
 def _plain(value: Any) -> Any:
     """Turn a configuration into values that JSON can hold."""
-    if is_dataclass(value):
-        plain = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-        return {"kind": value.kind, **plain} if isinstance(value, Run) else plain
-    return _container(value, _plain)
+    return _converted(value, lambda field, given: True)
 
 
 def _differing(value: Any) -> Any:
     """Turn a configuration into plain values, without the settings that have their class's defaults."""
-    if is_dataclass(value):
-        plain = {field.name: _differing(given) for field, given in _given(value)}
-        return {"kind": value.kind, **plain} if isinstance(value, Run) else plain
-    return _container(value, _differing)
+    return _converted(value, _differs_from_default)
 
 
-def _given(value: Any) -> Iterator[tuple[Field[Any], Any]]:
-    for field in fields(value):
-        given = getattr(value, field.name)
-        default = field.default if field.default_factory is MISSING else field.default_factory()
-        if default is MISSING or given != default:
-            yield field, given
+def _differs_from_default(field: Field[Any], given: Any) -> bool:
+    default = field.default if field.default_factory is MISSING else field.default_factory()
+    return default is MISSING or _canonical(_plain(given)) != _canonical(_plain(default))
 
 
-def _container(value: Any, convert: Callable[[Any], Any]) -> Any:
+def _converted(value: Any, keep: Callable[[Field[Any], Any], bool]) -> Any:
+    """Turn a value into what JSON can hold; of a dataclass, the fields that are to be kept."""
+    if is_dataclass(value) and not isinstance(value, type):
+        given = [(field, getattr(value, field.name)) for field in fields(value)]
+        kept = {field.name: _converted(entry, keep) for field, entry in given if keep(field, entry)}
+        return {"kind": type(value).__name__, **kept}
     if isinstance(value, Mapping):
-        return {str(name): convert(entry) for name, entry in value.items()}
+        if not all(isinstance(name, str) for name in value):
+            raise TypeError(f"a run holds {value!r}; the keys of a mapping must be strings")
+        return {name: _converted(entry, keep) for name, entry in value.items()}
     if isinstance(value, (tuple, list)):
-        return [convert(entry) for entry in value]
-    if value is None or isinstance(value, (str, int, float, bool)):
+        return [_converted(entry, keep) for entry in value]
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise ValueError(f"a run holds {value}; its numbers must be finite")
+        return int(value) if value.is_integer() else float(value)
+    if value is None or isinstance(value, (str, bool, int)):
         return value
     raise TypeError(f"a run holds {value!r}; it may hold what JSON can, mappings, tuples and dataclasses")

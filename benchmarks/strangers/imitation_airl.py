@@ -4,8 +4,8 @@
 
 One run learns from 50 episodes of this project's own expert and, anew, from 500. They lie in ``saving.npz``,
 which was made by ``moral expert --world emergency --weights 0 1 --seed 100 --out EXPERT`` and
-``moral demonstrate --expert EXPERT --episodes 500 --out saving.npz``. The settings were chosen on seeds from
-100 on, beginning with those of `imitation`'s documentation; seeds 0 to 2 were run once.
+``moral demonstrate --expert EXPERT --episodes 500 --out saving.npz``. The settings are chosen on seeds from
+100 on.
 """
 
 from __future__ import annotations
@@ -51,11 +51,15 @@ class Config(LearnerConfig):
 
     steps: int = 300_000
     weights: tuple[float, float] = (0.0, 1.0)
+    gamma: float = 0.95
+    ent_coef: float = 0.02
+    # Rewards of unit variance make large returns, whose loss would take the policy's share of the gradient.
+    vf_coef: float = 0.02
     demonstrations: tuple[int, ...] = (50, 500)
     demo_batch_size: int = 512
     n_disc_updates_per_round: int = 8
-    reward_hid_sizes: tuple[int, ...] = (32,)
-    potential_hid_sizes: tuple[int, ...] = (32, 32)
+    reward_hid_sizes: tuple[int, ...] = (64,)
+    potential_hid_sizes: tuple[int, ...] = (64, 64)
 
 
 def read_demonstrations(path: Path, episodes: int, radius: int) -> list[Any]:
@@ -95,7 +99,6 @@ def train(seed: int, config: Config, episodes: int) -> tuple[Any, Progress]:
     reward = BasicShapedRewardNet(
         envs.observation_space,
         envs.action_space,
-        normalize_input_layer=RunningNorm,
         reward_hid_sizes=config.reward_hid_sizes,
         potential_hid_sizes=config.potential_hid_sizes,
         discount_factor=config.gamma,

@@ -59,7 +59,7 @@ class LearnerConfig:
         Held-out starts on which the policies are measured, and the seed of the first of them.
     radius
         Cells that the egocentric crop shows in each direction.
-    n_steps, batch_size, n_epochs, learning_rate, gamma, ent_coef
+    n_steps, batch_size, n_epochs, learning_rate, gamma, ent_coef, vf_coef
         As in SB3's PPO.
     net_arch
         Hidden layers of the policy and, apart from it, of the value function.
@@ -77,6 +77,7 @@ class LearnerConfig:
     learning_rate: float = 1e-3
     gamma: float = 0.97
     ent_coef: float = 0.05
+    vf_coef: float = 0.5
     net_arch: tuple[int, ...] = (256, 256)
 
 
@@ -174,6 +175,7 @@ def make_ppo(envs: Any, config: LearnerConfig, seed: int) -> Any:
         n_epochs=config.n_epochs,
         gamma=config.gamma,
         ent_coef=config.ent_coef,
+        vf_coef=config.vf_coef,
         policy_kwargs={"net_arch": list(config.net_arch), "activation_fn": torch.nn.ReLU},
         seed=seed,
         device="cpu",

@@ -3,8 +3,7 @@
     python -m benchmarks.strangers.imitation_preferences
 
 The teacher is `imitation`'s ``SyntheticGatherer`` at temperature 0: of two fragments it prefers the one with
-more people saved and, on a tie, more goal time. The settings were chosen on seeds from 100 on, beginning with
-those of `imitation`'s documentation; seeds 0 to 2 were run once.
+more people saved and, on a tie, more goal time. The settings are chosen on seeds from 100 on.
 """
 
 from __future__ import annotations

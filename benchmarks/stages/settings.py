@@ -88,7 +88,10 @@ def helper_or_cleaner(profile: Profile, weights: tuple[float, ...], seed: int) -
 def helping_and_cleaning(profile: Profile, seed: int) -> tuple[LearnedNorm, LearnedNorm]:
     """Learn the norms of Delivery's two experts by AIRL."""
     config = AIRLConfig(
-        steps=1_500_000, architecture="counting", ppo=PPOConfig(entropy_start=0.1, entropy_end=0.02)
+        steps=1_500_000,
+        architecture="counting",
+        discriminator_weight_decay=1.0,
+        ppo=PPOConfig(entropy_start=0.1, entropy_end=0.02),
     )
     if profile == "paper":
         config = replace(config, steps=6_000_000, architecture="conv", ppo=_paper(config.ppo))

@@ -145,7 +145,7 @@ def discriminate(
     settings = config(steps=steps, ppo=still, **changes)
     venv = EngineVecEnv(WORLD, 16, seed=seed)
     torch.manual_seed(seed)
-    network = ShapedRewardNetwork(SHAPE, "fast", 0.95)
+    network = ShapedRewardNetwork(SHAPE, settings.architecture, 0.95)
     component = LearnedReward("f", network)
     model = make_ppo(still, ScalarisedRewards(venv, [component], [1.0]), seed)
     discriminator = Discriminator(venv, component, demonstrations, settings, seed)
@@ -162,6 +162,16 @@ def test_updates_raise_the_accuracy_on_both_sides(demonstrations: Demonstrations
     # seeds ended at 0.84 to 0.92.
     assert balanced[0] < 0.6
     assert balanced[-1] > 0.75
+
+
+def test_weight_decay_keeps_the_weights_small(demonstrations: Demonstrations) -> None:
+    norms = [
+        sum(float(weights.detach().norm()) for weights in network.parameters())
+        for decay in (0.0, 5.0)
+        for _, network, _ in [discriminate(demonstrations, 128 * 12, discriminator_weight_decay=decay)]
+    ]
+    # 96 updates at up to 1e-3 shrink them by a factor of about exp(-96 * 5e-4 * 5) = 0.79.
+    assert norms[1] < 0.9 * norms[0]
 
 
 def test_the_discriminator_sees_transitions_of_both_sides(
@@ -239,6 +249,10 @@ def test_returns_are_sums_over_an_episode() -> None:
         ({"discriminator_batch": 0}, "discriminator_batch is 0"),
         ({"normaliser_episodes": 0}, "normaliser_episodes is 0"),
         ({"discriminator_learning_rate": 0.0}, "discriminator_learning_rate is 0.0; it must be positive"),
+        (
+            {"discriminator_weight_decay": -1.0},
+            "discriminator_weight_decay is -1.0; it must not be negative",
+        ),
         ({"averaging": 1.0}, "averaging is 1.0; it must be at least 0 and below 1"),
     ],
 )

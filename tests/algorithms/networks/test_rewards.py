@@ -9,6 +9,7 @@ from torch import nn
 
 from moral_algorithms.networks.rewards import (
     REWARD_ARCHITECTURES,
+    CountingEncoding,
     RewardArchitecture,
     ShapedRewardNetwork,
 )
@@ -146,3 +147,14 @@ def test_a_constant_in_the_potential_costs_no_precision() -> None:
         after = network(states, next_states)
     # (gamma - 1) * 10, exact but for float32's rounding of numbers around ten.
     np.testing.assert_allclose((after - before).numpy(), -1.0, atol=1e-5)
+
+
+def test_counts_are_ones_for_what_is_missing() -> None:
+    states, _ = transitions(DELIVERY, 7)
+    channels = states.shape[1]
+    encoded = CountingEncoding(tuple(states.shape[1:]))(states)
+    unary = encoded[:, -16 * channels :].reshape(7, channels, 16)
+    totals = states.flatten(2).sum(dim=2)
+    for row, plane in np.ndindex(7, channels):
+        for count in range(1, 17):
+            assert unary[row, plane, count - 1] == (totals[row, plane] < count)

@@ -59,6 +59,9 @@ class AIRLConfig:
     """Demonstrated transitions, and as many of the policy's, per gradient step."""
     discriminator_learning_rate: float = 1e-3
     """Adam's step size at the start; it falls linearly to a fiftieth."""
+    discriminator_weight_decay: float = 0.0
+    """Weight decay of Adam. It forgets judgements on what neither expert nor policy do any more; without it
+    one expert's reward holds the other's errands against the agent for good."""
     averaging: float = 0.995
     """Memory, per gradient step, of the average of the discriminator's weights that becomes the reward."""
     normaliser_episodes: int = 200
@@ -76,6 +79,9 @@ class AIRLConfig:
         if not self.discriminator_learning_rate > 0:
             rate = self.discriminator_learning_rate
             raise ValueError(f"discriminator_learning_rate is {rate}; it must be positive")
+        if not self.discriminator_weight_decay >= 0:
+            decay = self.discriminator_weight_decay
+            raise ValueError(f"discriminator_weight_decay is {decay}; it must not be negative")
         if not 0 <= self.averaging < 1:
             raise ValueError(f"averaging is {self.averaging}; it must be at least 0 and below 1")
 
@@ -225,8 +231,11 @@ class Discriminator(BaseCallback):
         self.accuracies: dict[str, float] = {}
         self._config = config
         self._rng = np.random.default_rng(seed)
-        self._optimiser = torch.optim.Adam(
-            self._network.parameters(), lr=config.discriminator_learning_rate, fused=True
+        self._optimiser = torch.optim.AdamW(
+            self._network.parameters(),
+            lr=config.discriminator_learning_rate,
+            weight_decay=config.discriminator_weight_decay,
+            fused=True,
         )
         self._demonstrations = demonstrations
         self._rollout: list[tuple[torch.Tensor, torch.Tensor]] = []

@@ -37,9 +37,10 @@ class EgocentricEncoding(nn.Module):
 
 
 class CountingEncoding(nn.Module):
-    """As :class:`EgocentricEncoding`, the totals in unary: a one for each of 1 to 16 that is reached.
+    """As :class:`EgocentricEncoding`, the totals in unary: a one for each of 1 to 16 that is not reached.
 
-    As a number on the scale of a cell, one vase of eight more or less hardly shows.
+    As a number on the scale of a cell, one vase of eight more or less hardly shows. A one is what is missing,
+    for what has never been missing then has no part in the reward: weight decay forgets it.
     """
 
     def __init__(self, shape: Shape, radius: int = 5) -> None:
@@ -52,8 +53,8 @@ class CountingEncoding(nn.Module):
 
     def forward(self, states: torch.Tensor) -> torch.Tensor:
         """Encode states (n, C, H, W), 0/1 planes of any dtype, as (n, size) of the same dtype."""
-        reached = _totals(states)[:, :, None] >= self._steps
-        return torch.cat([self.crop(states), reached.flatten(1).to(states.dtype)], dim=1)
+        missing = _totals(states)[:, :, None] < self._steps
+        return torch.cat([self.crop(states), missing.flatten(1).to(states.dtype)], dim=1)
 
 
 def _totals(states: torch.Tensor) -> torch.Tensor:

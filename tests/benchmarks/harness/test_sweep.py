@@ -196,6 +196,7 @@ def test_processes_of_this_machine(tmp_path: Path) -> None:
 
 
 SWEEP = """
+import signal
 import sys
 from pathlib import Path
 from benchmarks.harness import Store
@@ -204,6 +205,8 @@ from benchmarks.harness.sweep import Sweep
 from tests.benchmarks.harness.runs import Endless
 
 if __name__ == "__main__":
+    # In the background of a shell it would be ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     store = Store(Path(sys.argv[1]))
     sweep = Sweep(store, [Endless(sys.argv[1])])
     sweep.carry_out(LocalProcesses(store, 1), lambda sweep: None, print)

@@ -12,13 +12,14 @@ BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt $(PIP_ARGS)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint bench strangers docs clean
+.PHONY: help demo test lint smoke bench strangers docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo    train MORAL in the Emergency world and show the result"
 	@echo "make test    run all tests, and those of moral-envs again where there is no PyTorch"
 	@echo "make lint    check style, types and the direction of imports"
+	@echo "make smoke   every benchmark at its smallest, and the report: runs/smoke/report/index.html (a few minutes)"
 	@echo "make bench   speed of the worlds, accuracy of the posterior, the demo over five seeds (about ten minutes)"
 	@echo "make strangers   peers' learners on moral-envs, and its speed beside theirs (about half an hour)"
 	@echo "make docs    build the site: site/index.html (needs Python 3.11 or newer)"
@@ -39,6 +40,12 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Two runs at a time, all from the start.
+smoke: $(VENV)/.benchmarks
+	rm -rf runs/smoke
+	$(BIN)/python -m benchmarks run all --profile smoke --jobs 2 --out runs/smoke
+	$(BIN)/python -m benchmarks report --profile smoke --out runs/smoke
 
 bench: $(VENV)/.runtime
 	$(BIN)/python -m benchmarks.engine_speed
@@ -71,7 +78,12 @@ $(VENV)/.runtime: $(VENV)/.created constraints.txt pyproject.toml envs/pyproject
 	@$(PIP_INSTALL) --no-build-isolation -e envs -e algorithms
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.runtime
+$(VENV)/.benchmarks: $(VENV)/.runtime
+	@echo "Installing what the benchmarks need into $(VENV)"
+	@$(PIP_INSTALL) --group benchmarks
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.benchmarks
 	@echo "Installing the development tools into $(VENV)"
 	@$(PIP_INSTALL) --group test --group lint
 	@$(PIP_INSTALL) --no-deps --group peers

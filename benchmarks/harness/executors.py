@@ -312,8 +312,7 @@ def _write_log(store: Store, run: Run, error: str | None) -> None:
 
 def _read_files(store: Store, run: Run) -> Files:
     """Read a finished run's record and the files it leaves."""
-    paths = [store.record_path(run), *(path for path in store.files(run).rglob("*") if path.is_file())]
-    return {str(path.relative_to(store.folder)): path.read_bytes() for path in paths}
+    return {str(path.relative_to(store.folder)): path.read_bytes() for path in store.left_by(run)}
 
 
 def _write_files(store: Store, files: Files) -> None:

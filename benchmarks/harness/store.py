@@ -85,6 +85,12 @@ class Store:
         """Where a run works and leaves its files."""
         return self.folder / "files" / run.key
 
+    def left_by(self, run: Run) -> list[Path]:
+        """List the files and the record of a finished run; last come those that say that it is complete."""
+        mark = self.files(run) / _RECORD
+        files = [path for path in self.files(run).rglob("*") if path.is_file()]
+        return [*sorted(files, key=lambda path: path == mark), self.record_path(run)]
+
     def record_path(self, run: Run) -> Path:
         """Where a run's record is kept."""
         return self.folder / "records" / f"{run.key}.json"

@@ -36,11 +36,11 @@ def test_interquartile_mean_is_scipys_trimmed_mean(values: list[float]) -> None:
 
 def test_one_seed_has_no_spread() -> None:
     assert stratified_interval([[1.0], [2.0]]) == (1.5, 1.5)
-    assert spread([2.0]) == "2.00 (0.00), 2.00 to 2.00, 1 seeds"
+    assert spread([2.0]) == "2.00, 1 run"
 
 
 def test_spread_by_hand() -> None:
-    assert spread([1.0, 2.0, 3.0], digits=1) == "2.0 (1.0), 1.0 to 3.0, 3 seeds"
+    assert spread([1.0, 2.0, 3.0], digits=1) == "2.0 (1.0), 1.0 to 3.0, 3 runs"
 
 
 def test_seeds_are_resampled_within_their_group() -> None:

@@ -55,6 +55,17 @@ def test_files_that_are_missing_are_made_again_and_the_record_stays(tmp_path: Pa
     assert times_carried_out(tmp_path, run) == 2
 
 
+def test_what_says_that_a_run_is_complete_is_listed_last(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    perform(store, Written(3))
+    for name in ("a", "z"):
+        (store.files(Written(3)) / name).touch()
+    first, *_, mark, record = store.left_by(Written(3))
+    assert (mark.name, mark.parent) == ("record.json", first.parent)
+    assert record == store.record_path(Written(3))
+    assert len(store.left_by(Written(3))) == 6
+
+
 def test_a_lost_record_is_found_beside_the_files(tmp_path: Path) -> None:
     store, run = Store(tmp_path), Written(3, str(tmp_path))
     perform(store, run)

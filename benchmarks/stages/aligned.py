@@ -14,8 +14,9 @@ from benchmarks.stages.measuring import curve, measure, stage_seed
 from benchmarks.stages.norms import LearnedNorm
 from moral_algorithms import pipeline
 from moral_algorithms.learners.expert import ExpertConfig
-from moral_algorithms.learners.moral import MoralConfig, make_posterior
-from moral_algorithms.pipeline.alignment import pursue_alone
+from moral_algorithms.learners.inference import make_posterior
+from moral_algorithms.learners.moral import MoralConfig
+from moral_algorithms.pipeline.reward_vector import pursue_alone
 from moral_algorithms.preferences import Preference
 from moral_algorithms.preferences.priors import normalise_rows
 from moral_algorithms.run_directory import RunDirectory, read_lines

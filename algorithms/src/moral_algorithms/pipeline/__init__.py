@@ -5,17 +5,12 @@
 measures a policy beside the exact optimum. Each leaves its results in files, from which the next goes on.
 """
 
-from moral_algorithms.pipeline.alignment import (
-    MoralRun,
-    moral,
-    normaliser_config,
-    read_moral_run,
-    world_of_rewards,
-)
+from moral_algorithms.pipeline.alignment import MoralRun, moral, read_moral_run
 from moral_algorithms.pipeline.baseline import DRLHPRun, drlhp, drlhp_preset, read_drlhp_run
 from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
 from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
+from moral_algorithms.pipeline.reward_vector import normaliser_config, world_of_rewards
 from moral_algorithms.pipeline.stage import Setting
 from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.seeding import spawn_seeds

@@ -38,7 +38,7 @@ class AlignmentConfig(InferenceConfig):
             raise ValueError(f"episodes is {self.episodes}; it must be at least 2, for a query compares two")
 
 
-def align(
+def ask_teacher(
     world: WorldSpec,
     components: Sequence[RewardComponent],
     policy: ConditionedPolicy,

@@ -150,8 +150,8 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
         else:
             directory.require_config({"kind": KIND, **run.to_json()})
             if directory.summary.exists():
-                return _read_summary(directory.summary)
-            _read_metrics(directory.metrics)
+                return read_aligned_summary(directory.summary, KIND)
+            read_metrics(directory.metrics)
         with resumable(directory, KIND):
             return _train(directory, run, setting, resume)
 
@@ -179,7 +179,7 @@ def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: boo
             resume=resume,
         )
     save_policy(directory.policy, agent.policy, run.config.ppo.policy, run.world)
-    metrics = _read_metrics(directory.metrics)
+    metrics = read_metrics(directory.metrics)
     if not metrics:
         raise StorageError(f"{directory.metrics} is damaged: it holds no rollout")
     last = metrics[-1]
@@ -195,7 +195,7 @@ def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: boo
     return summary
 
 
-def _read_metrics(path: Path) -> list[dict[str, Any]]:
+def read_metrics(path: Path) -> list[dict[str, Any]]:
     """Read the lines of the rollouts, checked."""
     lines = read_lines(path)
     types = {"env_steps": int, "queries": int, "weights": dict, "objectives": dict}
@@ -205,12 +205,12 @@ def _read_metrics(path: Path) -> list[dict[str, Any]]:
     return lines
 
 
-def _read_summary(path: Path) -> dict[str, Any]:
-    """Read the result of a finished run, checked."""
+def read_aligned_summary(path: Path, kind: str) -> dict[str, Any]:
+    """Read the result of a finished run of a kind, checked."""
     summary = read_json(path)
     types = {"queries": int, "weights": dict, "objectives": dict, "env_steps": dict, "wall_seconds": dict}
     if not isinstance(summary, dict) or {name: type(entry) for name, entry in summary.items()} != types:
-        raise StorageError(f"{path} is damaged: it is not the summary of a run of moral train")
+        raise StorageError(f"{path} is damaged: it is not the summary of a run of moral {kind}")
     return summary
 
 

@@ -6,7 +6,6 @@ ordinary ``fast`` policy.
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from typing import Any
 
@@ -30,7 +29,8 @@ HIDDEN = (256, 256)
 class ConditionedFeatures(BaseFeaturesExtractor):
     """A multilayer perceptron on the crop around the agent and on the scalarisation weights.
 
-    The weights are seen as shares and, for the small ones, as logarithms of their ratio to the largest.
+    The weights are seen as multiples of their mean and, for the small ones, as logarithms of their ratio to
+    the largest.
 
     Parameters
     ----------
@@ -58,9 +58,10 @@ class ConditionedFeatures(BaseFeaturesExtractor):
 
     def shift(self, weights: torch.Tensor) -> torch.Tensor:
         """Compute what weights (n, d), not all zero, add to the first layer, shape (n, hidden[0])."""
-        shares = weights / weights.sum(dim=1, keepdim=True)
+        # Of about the size of what the crop adds: smaller inputs are learned late, and policies stay alike.
+        shares = weights / weights.mean(dim=1, keepdim=True)
         ratios = weights / weights.amax(dim=1, keepdim=True)
-        logarithms = 1 + torch.log(ratios.clamp(min=1 / self.span)) / math.log(self.span)
+        logarithms = torch.log(ratios.clamp(min=1 / self.span))
         shift: torch.Tensor = self.conditioning(torch.cat([shares, logarithms], dim=1))
         return shift
 

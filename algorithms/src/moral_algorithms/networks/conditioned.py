@@ -130,7 +130,9 @@ class ConditionedPolicy(ActorCriticPolicy):
         names = tuple(f"component {number}" for number in range(1, self.components + 1))
         checked = torch.from_numpy(require_weights(weights, names)).to(self.device)
         planes = spaces.Box(0, 1, shape=self.shape, dtype=np.uint8)
-        policy = EgocentricPolicy(planes, self.action_space, lambda _: 0.0, radius=RADIUS, hidden=HIDDEN)
+        policy = EgocentricPolicy(
+            planes, self.action_space, lambda _: 0.0, radius=RADIUS, hidden=HIDDEN, ortho_init=False
+        )
         assert isinstance(self.features_extractor, ConditionedFeatures)
         with torch.no_grad():
             shift = self.features_extractor.shift(checked[None])[0]

@@ -11,7 +11,7 @@ from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.rows.d8 import study_runs
 from benchmarks.rows.drawing import BLUE, GREEN, ORANGE, RED, curves, panels
 from benchmarks.rows.ratios import COLLECTED
-from benchmarks.stages import Aligned
+from benchmarks.stages import Asked
 
 _SHOWN = 4
 _COLOURS = {"delivered": ORANGE, "helped": BLUE, "cleaned": GREEN, "vases_broken": RED}
@@ -54,9 +54,9 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _by_asking(results: Results) -> dict[str, list[tuple[Aligned, dict[str, Any]]]]:
-    found: dict[str, list[tuple[Aligned, dict[str, Any]]]] = {}
-    for run, result in results.of(Aligned):
+def _by_asking(results: Results) -> dict[str, list[tuple[Asked, dict[str, Any]]]]:
+    found: dict[str, list[tuple[Asked, dict[str, Any]]]] = {}
+    for run, result in results.of(Asked):
         asking = "random" if run.config.acquisition == "random" else "active"
         found.setdefault(asking, []).append((run, result))
     return found

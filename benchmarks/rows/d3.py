@@ -11,7 +11,7 @@ from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import spread, stratified_interval
 from benchmarks.rows.drawing import BLUE, GREEN, INK, RED, over_seeds, panels
 from benchmarks.rows.ratios import deviation, two_rewards
-from benchmarks.stages import Aligned
+from benchmarks.stages import Asked
 from benchmarks.stages.settings import seeds
 
 RATIOS = (*((1, many) for many in (6, 5, 4, 3, 2)), (1, 1), *((many, 1) for many in (2, 3, 4, 5, 6)))
@@ -21,7 +21,7 @@ _LONG = 50
 """Queries of the runs whose posteriors are drawn as they narrow."""
 
 
-def aligned_runs(profile: Profile) -> list[Aligned]:
+def aligned_runs(profile: Profile) -> list[Asked]:
     """List the agents for every ratio and seed."""
     ratios = RATIOS[::5] if profile == "smoke" else RATIOS
     return [two_rewards(profile, ratio, seed) for ratio in ratios for seed in seeds(profile)]
@@ -89,7 +89,7 @@ def draw(results: Results) -> Figure:
 
 def _draw_posteriors(axes: Any, results: Results) -> None:
     """Draw the posterior of the weight of help after 10, 20, ... 50 answers."""
-    found = [(run, one) for run, one in results.of(Aligned) if run.config.queries == _LONG]
+    found = [(run, one) for run, one in results.of(Asked) if run.config.queries == _LONG]
     for run, result in found:
         share = run.teacher.ratio["helped"] / sum(run.teacher.ratio.values())
         for column, answers in enumerate(("10", "20", "30", "40", "50")):
@@ -108,10 +108,10 @@ def _draw_posteriors(axes: Any, results: Results) -> None:
     )
 
 
-def _by_ratio(results: Results) -> dict[tuple[float, ...], list[tuple[Aligned, dict[str, Any]]]]:
+def _by_ratio(results: Results) -> dict[tuple[float, ...], list[tuple[Asked, dict[str, Any]]]]:
     """Sort the runs of 25 queries by what is wanted, least help first."""
-    found: dict[tuple[float, ...], list[tuple[Aligned, dict[str, Any]]]] = {}
-    for run, result in results.of(Aligned):
+    found: dict[tuple[float, ...], list[tuple[Asked, dict[str, Any]]]] = {}
+    for run, result in results.of(Asked):
         if run.config.queries != _LONG:
             found.setdefault(tuple(run.teacher.ratio.values()), []).append((run, result))
     return dict(sorted(found.items(), key=lambda entry: entry[0][0] / entry[0][1]))

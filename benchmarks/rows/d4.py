@@ -13,7 +13,7 @@ from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import spread
 from benchmarks.rows.d3 import aligned_runs
 from benchmarks.rows.drawing import panels
-from benchmarks.stages import Aligned, Weighted
+from benchmarks.stages import Asked, Weighted
 from benchmarks.stages.settings import DELIVERY, coverage, seeds
 from moral_algorithms.indicators import convex_coverage, hypervolume
 
@@ -51,7 +51,7 @@ class CoverageSet(NamedTuple):
 
 def judge(results: Results) -> list[Check]:
     """Compare what both methods span, and what they break."""
-    moral, ppo = coverage_sets(results, Aligned), coverage_sets(results, Weighted)
+    moral, ppo = coverage_sets(results, Asked), coverage_sets(results, Weighted)
     both = sorted(moral.keys() & ppo.keys())
     return compare([moral[seed] for seed in both], [ppo[seed] for seed in both]) if both else []
 
@@ -79,7 +79,7 @@ def compare(moral: list[CoverageSet], ppo: list[CoverageSet]) -> list[Check]:
     ]
 
 
-def coverage_sets(results: Results, kind: type[Aligned] | type[Weighted]) -> dict[int, CoverageSet]:
+def coverage_sets(results: Results, kind: type[Asked] | type[Weighted]) -> dict[int, CoverageSet]:
     """Collect the policies of one method, by seed."""
     found: dict[int, list[list[float]]] = {}
     for run, result in results.of(kind):
@@ -92,7 +92,7 @@ def draw(results: Results) -> Figure:
     """Draw the policies of both methods, coloured by vases, and each seed's convex coverage set."""
     figure, axes = panels(2, width=5.0, height=4.4)
     found: list[tuple[str, dict[int, Any]]] = [
-        ("MORAL, learned rewards", coverage_sets(results, Aligned)),
+        ("MORAL, learned rewards", coverage_sets(results, Asked)),
         ("PPO, true rewards of help and cleaning", coverage_sets(results, Weighted)),
     ]
     drawn = [one for _, by_seed in found for one in by_seed.values()]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.rows.drawing import BLUE, GREEN, RED, curves, panels
 from benchmarks.rows.ratios import two_rewards
-from benchmarks.stages import Aligned
+from benchmarks.stages import Asked
 from benchmarks.stages.settings import seeds
 from moral_algorithms.pipeline import TeacherConfig
 
@@ -24,7 +24,7 @@ def runs(profile: Profile) -> list[Run]:
 
 def judge(results: Results) -> list[Check]:
     """Compare vases at the end with those at the start."""
-    found = [result for _, result in results.of(Aligned)]
+    found = [result for _, result in results.of(Asked)]
     starts = [result["curve"]["vases_broken"][0] for result in found]
     ends = [result["objectives"]["vases_broken"] for result in found]
     value = "; ".join(f"{start:.2f} to {end:.2f}" for start, end in zip(starts, ends, strict=True))
@@ -35,7 +35,7 @@ def judge(results: Results) -> list[Check]:
 def draw(results: Results) -> Figure:
     """Draw vases, help and cleaning during training."""
     figure, (vases, collected) = panels(2, width=5.0)
-    found = [result["curve"] for _, result in results.of(Aligned)]
+    found = [result["curve"] for _, result in results.of(Asked)]
     curves(vases, found, "vases_broken", RED, "vases broken")
     curves(collected, found, "helped", BLUE, "helped")
     curves(collected, found, "cleaned", GREEN, "cleaned")

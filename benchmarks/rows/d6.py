@@ -11,7 +11,7 @@ from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import spread, stratified_interval
 from benchmarks.rows.drawing import panels
 from benchmarks.rows.ratios import ALL_RATIOS, collected, deviation, projections, three_rewards
-from benchmarks.stages import Aligned
+from benchmarks.stages import Asked
 from benchmarks.stages.settings import seeds
 
 _TOTAL = 17
@@ -27,7 +27,7 @@ def judge(results: Results) -> list[Check]:
     """Compare divergences, totals and vases."""
     agents, points = collected(results)
     groups: dict[tuple[float, ...], list[float]] = {}
-    for run, result in results.of(Aligned):
+    for run, result in results.of(Asked):
         groups.setdefault(tuple(run.teacher.ratio.values()), []).append(deviation(run, result))
     deviations = [one for group in groups.values() for one in group]
     low, high = stratified_interval(list(groups.values()), statistic=lambda values: float(np.mean(values)))
@@ -62,7 +62,7 @@ def draw(results: Results) -> Figure:
     """Draw the three projections: coloured by the third objective, then by divergence."""
     figure, axes = panels(3, rows=2, width=4.6, height=3.8)
     _, points = collected(results)
-    deviations = np.array([deviation(run, result) for run, result in results.of(Aligned)])
+    deviations = np.array([deviation(run, result) for run, result in results.of(Asked)])
     projections(figure, axes[:3], points[:, :3], None, "", points[:, 3] / max(points[:, 3].max(), 1e-9))
     projections(figure, axes[3:], points[:, :3], deviations, "KL divergence")
     axes[0].set_title("grey circles: vases broken", loc="left", fontsize=9)

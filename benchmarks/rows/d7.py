@@ -12,7 +12,7 @@ from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import spread
 from benchmarks.rows.drawing import BLUE, ORANGE, curves, panels
 from benchmarks.rows.ratios import COLLECTED, three_rewards
-from benchmarks.stages import Aligned, FromPreferences
+from benchmarks.stages import Asked, FromPreferences
 from benchmarks.stages.settings import DELIVERY, drlhp, episodes, seeds
 from moral_algorithms.pipeline import TeacherConfig
 
@@ -69,8 +69,8 @@ def judge(results: Results) -> list[Check]:
 
 
 def draw(results: Results) -> Figure:
-    """Draw the training of both, one row of panels for each ratio, MORAL offset by what AIRL took."""
-    found = results.of(Aligned)
+    """Draw the training of both, one row of panels for each ratio, MORAL offset by what came before its queries."""
+    found = results.of(Asked)
     ratios = list(dict.fromkeys(tuple(run.teacher.ratio.values()) for run, _ in found))
     figure, axes = panels(4, rows=max(len(ratios), 1), width=3.6, height=2.8)
     for row, ratio in enumerate(ratios):
@@ -82,7 +82,9 @@ def draw(results: Results) -> Figure:
         ]
         for column, name in enumerate((*COLLECTED, "vases_broken")):
             one = axes[4 * row + column]
-            offset = sum(norm.config.steps + norm.expert.config.max_steps for norm in found[0][0].norms)
+            policy = found[0][0].covered
+            learned = sum(norm.config.steps + norm.expert.config.max_steps for norm in policy.norms)
+            offset = learned + policy.config.steps
             curves(one, ours, name, BLUE, "MORAL", offset)
             curves(one, theirs, name, ORANGE, "DRLHP")
             one.set(ylim=(0, None), ylabel=name.replace("_", " "))

@@ -12,13 +12,13 @@ from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import stratified_interval
 from benchmarks.rows.drawing import BLUE, ORANGE, panels
 from benchmarks.rows.ratios import NINE_RATIOS, deviation, three_rewards
-from benchmarks.stages import Aligned
+from benchmarks.stages import Asked
 from benchmarks.stages.settings import seeds
 
 QUERIES = (5, 10, 25, 50)
 
 
-def study_runs(profile: Profile, queries: int, **changes: Any) -> list[Aligned]:
+def study_runs(profile: Profile, queries: int, **changes: Any) -> list[Asked]:
     """List nine ratios, three with each of three seeds; settings of MORAL may be changed."""
     ratios = NINE_RATIOS[:1] if profile == "smoke" else NINE_RATIOS
     found = []
@@ -76,7 +76,7 @@ def deviations(results: Results) -> tuple[dict[int, list[float]], dict[int, list
     """Sort divergences by the number of queries, of active and of random ones, without noise."""
     active: dict[int, list[float]] = {}
     random: dict[int, list[float]] = {}
-    for run, result in results.of(Aligned):
+    for run, result in results.of(Asked):
         if run.teacher.noise == 0:
             found = random if run.config.acquisition == "random" else active
             found.setdefault(run.config.queries, []).append(deviation(run, result))

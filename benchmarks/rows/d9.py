@@ -12,7 +12,7 @@ from benchmarks.harness.statistics import stratified_interval
 from benchmarks.rows.d8 import deviations, study_runs
 from benchmarks.rows.drawing import BLUE, panels
 from benchmarks.rows.ratios import deviation
-from benchmarks.stages import Aligned
+from benchmarks.stages import Asked
 
 _QUERIES = 50
 _NOISE = (0.0, 0.1, 0.2, 0.3)
@@ -75,7 +75,7 @@ def draw(results: Results) -> Figure:
 
 def _by_noise(results: Results) -> dict[float, list[float]]:
     found: dict[float, list[float]] = {}
-    for run, result in results.of(Aligned):
+    for run, result in results.of(Asked):
         if run.config.acquisition != "random":
             found.setdefault(run.teacher.noise, []).append(deviation(run, result))
     return dict(sorted(found.items()))

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmarks.harness import Profile, Results
-from benchmarks.stages import Aligned
-from benchmarks.stages.settings import DELIVERY, delivery_moral, episodes, helping_and_cleaning, primary
+from benchmarks.stages import Asked
+from benchmarks.stages.settings import asking, covered, episodes
 from moral_algorithms.indicators import preference_deviation
 from moral_algorithms.pipeline import TeacherConfig
 
@@ -30,42 +30,32 @@ NINE_RATIOS = (
 """Nine of them, for studies that train many agents for each."""
 
 
-def three_rewards(profile: Profile, ratio: Sequence[int], seed: int, queries: int = 25) -> Aligned:
+def three_rewards(profile: Profile, ratio: Sequence[int], seed: int, queries: int = 25) -> Asked:
     """MORAL on (deliver, f_help, f_clean), asked by a teacher who wants a ratio of what is collected."""
-    return Aligned(
-        norms=helping_and_cleaning(profile, seed),
-        primary=(primary(profile, DELIVERY, "deliver", seed),),
-        teacher=_teacher(dict(zip(COLLECTED, ratio, strict=True))),
-        seed=seed,
-        config=delivery_moral(profile, queries),
-        episodes=episodes(profile),
-    )
+    teacher = _teacher(dict(zip(COLLECTED, ratio, strict=True)))
+    return Asked(covered(profile, seed), teacher, seed, asking(profile, queries), episodes(profile))
 
 
-def two_rewards(profile: Profile, ratio: Sequence[int], seed: int, queries: int = 25) -> Aligned:
+def two_rewards(profile: Profile, ratio: Sequence[int], seed: int, queries: int = 25) -> Asked:
     """MORAL on (f_help, f_clean), asked by a teacher who wants a ratio of help and cleaning."""
-    return Aligned(
-        norms=helping_and_cleaning(profile, seed),
-        teacher=_teacher(dict(zip(COLLECTED[1:], ratio, strict=True))),
-        seed=seed,
-        config=delivery_moral(profile, queries),
-        episodes=episodes(profile),
-    )
+    teacher = _teacher(dict(zip(COLLECTED[1:], ratio, strict=True)))
+    policy = covered(profile, seed, with_primary=False)
+    return Asked(policy, teacher, seed, asking(profile, queries), episodes(profile))
 
 
 def _teacher(ratio: Mapping[str, int]) -> TeacherConfig:
     return TeacherConfig(teacher="ratio", ratio={name: float(share) for name, share in ratio.items()})
 
 
-def deviation(run: Aligned, result: Mapping[str, Any]) -> float:
+def deviation(run: Asked, result: Mapping[str, Any]) -> float:
     """Divergence of what an agent collects on average from its teacher's ratio (eq. 5.12)."""
     achieved = [result["objectives"][name] for name in run.teacher.ratio]
     return float(preference_deviation([achieved], list(run.teacher.ratio.values()))[0])
 
 
-def collected(results: Results) -> tuple[list[Aligned], NDArray[np.float64]]:
+def collected(results: Results) -> tuple[list[Asked], NDArray[np.float64]]:
     """List the agents, and what they deliver, help, clean and break on average, shape (n, 4)."""
-    found = results.of(Aligned)
+    found = results.of(Asked)
     names = (*COLLECTED, "vases_broken")
     rows = [[result["objectives"][name] for name in names] for _, result in found]
     return [run for run, _ in found], np.array(rows).reshape(-1, 4)

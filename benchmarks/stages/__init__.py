@@ -5,7 +5,17 @@ Each keeps its files in its folder as the command ``moral`` does, and goes on fr
 
 from benchmarks.stages.aligned import Aligned, PrimaryReturn
 from benchmarks.stages.coverage import Weighted
+from benchmarks.stages.covered import Asked, Covered
 from benchmarks.stages.norms import LearnedNorm, TrainedExpert
 from benchmarks.stages.preferences import FromPreferences
 
-__all__ = ["Aligned", "FromPreferences", "LearnedNorm", "PrimaryReturn", "TrainedExpert", "Weighted"]
+__all__ = [
+    "Aligned",
+    "Asked",
+    "Covered",
+    "FromPreferences",
+    "LearnedNorm",
+    "PrimaryReturn",
+    "TrainedExpert",
+    "Weighted",
+]

@@ -14,8 +14,9 @@ from benchmarks.stages.measuring import curve, measure, stage_seed
 from benchmarks.stages.norms import LearnedNorm
 from moral_algorithms import pipeline
 from moral_algorithms.learners.expert import ExpertConfig
-from moral_algorithms.learners.moral import MoralConfig, make_posterior
-from moral_algorithms.pipeline.alignment import pursue_alone
+from moral_algorithms.learners.inference import InferenceConfig, make_posterior
+from moral_algorithms.learners.moral import MoralConfig
+from moral_algorithms.pipeline.reward_vector import pursue_alone
 from moral_algorithms.preferences import Preference
 from moral_algorithms.preferences.priors import normalise_rows
 from moral_algorithms.run_directory import RunDirectory, read_lines
@@ -87,38 +88,49 @@ class Aligned(Run):
         resume = directory.config.exists()
         summary = pipeline.moral(directory, run, pipeline.Setting(), resume=resume)
         lines = read_lines(directory.metrics)
+        dim = len(self.primary) + len(self.norms)
         return {
             **measure(directory.policy, self.episodes),
             "weights": summary["weights"],
-            "path": _path(lines),
-            "posterior": self._posterior(read_lines(directory.queries)),
+            "path": path(lines),
+            "posterior": posteriors(self.config, dim, read_lines(directory.queries)),
             "curve": curve(lines, ("queries",)),
             "env_steps": summary["env_steps"]["moral"],
             "seconds": summary["wall_seconds"]["moral"],
             "whole": not resume,
         }
 
-    def _posterior(self, answers: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[Any]]]:
-        """Marginal quantiles and mean of the weights after every fifth answer, by the number of answers."""
-        dim = len(self.primary) + len(self.norms)
-        posterior = make_posterior(self.config, dim, np.random.default_rng(0))
-        found = {}
-        for number, answer in enumerate(answers, start=1):
-            posterior.add(np.array(answer["returns"]), Preference(answer["preference"]))
-            if number % _EVERY == 0 or number == len(answers):
-                weights = normalise_rows(posterior.samples)
-                found[str(number)] = {
-                    "mean": posterior.weights().round(4).tolist(),
-                    "quantiles": np.quantile(weights, _QUANTILES, axis=0).round(4).tolist(),
-                }
-        return found
+
+def posteriors(
+    config: InferenceConfig, dim: int, answers: Sequence[dict[str, Any]]
+) -> dict[str, dict[str, list[Any]]]:
+    """Follow the posterior over ``dim`` weights.
+
+    Returns
+    -------
+    dict
+        Marginal quantiles and mean of the weights after every fifth answer, by the number of answers.
+    """
+    posterior = make_posterior(config, dim, np.random.default_rng(0))
+    found = {}
+    for number, answer in enumerate(answers, start=1):
+        posterior.add(np.array(answer["returns"]), Preference(answer["preference"]))
+        if number % _EVERY == 0 or number == len(answers):
+            weights = normalise_rows(posterior.samples)
+            found[str(number)] = {
+                "mean": posterior.weights().round(4).tolist(),
+                "quantiles": np.quantile(weights, _QUANTILES, axis=0).round(4).tolist(),
+            }
+    return found
 
 
-def _path(lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def path(lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Where training stood when each query was answered, and at the end."""
-    path = []
+    found = []
     for before, line in pairwise(lines):
         if line["queries"] > before["queries"]:
-            path.append(before)
-    path += lines[-1:]
-    return [{name: line[name] for name in ("env_steps", "queries", "weights", "objectives")} for line in path]
+            found.append(before)
+    found += lines[-1:]
+    return [
+        {name: line[name] for name in ("env_steps", "queries", "weights", "objectives")} for line in found
+    ]

@@ -11,9 +11,12 @@ from dataclasses import replace
 
 from benchmarks.harness import Profile
 from benchmarks.stages.aligned import PrimaryReturn
+from benchmarks.stages.covered import Covered
 from benchmarks.stages.norms import LearnedNorm, TrainedExpert
 from moral_algorithms.learners.airl import AIRLConfig
+from moral_algorithms.learners.alignment import AlignmentConfig
 from moral_algorithms.learners.coverage import CoverageConfig
+from moral_algorithms.learners.covering import CoveringConfig
 from moral_algorithms.learners.drlhp import DRLHPConfig
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig
@@ -119,6 +122,22 @@ def delivery_moral(profile: Profile, queries: int = 25) -> MoralConfig:
     """MORAL in Delivery."""
     config = replace(MoralConfig(), queries=queries)
     return _moral(config, profile, paper_steps=8_000_000)
+
+
+def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:
+    """One policy for all weights of (deliver, f_help, f_clean) in Delivery, or of the norms alone."""
+    config = CoveringConfig()
+    if profile == "smoke":
+        config = replace(config, steps=_SMOKE_STEPS, ppo=_SMOKE)
+    given = (primary(profile, DELIVERY, "deliver", seed),) if with_primary else ()
+    return Covered(helping_and_cleaning(profile, seed), seed, given, config)
+
+
+def asking(profile: Profile, queries: int = 25) -> AlignmentConfig:
+    """How a teacher is asked about a policy for all weights."""
+    if profile == "smoke":
+        return AlignmentConfig(queries=min(queries, 6), candidates=50, samples=100, episodes=8)
+    return AlignmentConfig(queries=queries)
 
 
 def coverage(profile: Profile, steps: int, paper_steps: int) -> CoverageConfig:

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from moral_algorithms.cli.arguments import Machine
-from moral_algorithms.pipeline import alignment
+from moral_algorithms.pipeline import reward_vector
 from tests.algorithms.cli.commands import TRAIN, contents, only_line, refusal, run
 from tests.algorithms.cli.conftest import Stages
 
@@ -121,7 +121,7 @@ def test_the_normaliser_is_not_computed_again(
     out = tmp_path / "moral"
     at_flush((out / "metrics.jsonl").exists, KeyboardInterrupt(), monkeypatch)
     assert run(*TRAIN, "--rewards", stages.airl, "--out", out) == 130
-    monkeypatch.delattr(alignment, "train_expert")
+    monkeypatch.delattr(reward_vector, "train_expert")
     assert run("train", "--resume", "--out", out, "--no-tensorboard") == 0
     require_same_result(out, stages.moral)
 

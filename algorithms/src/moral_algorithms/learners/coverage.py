@@ -18,7 +18,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards
-from moral_algorithms.evaluation import Policy
+from moral_algorithms.learners.asking import play_once
 from moral_algorithms.learners.ppo import (
     OnProgress,
     PPOConfig,
@@ -172,16 +172,6 @@ def solve(
         world, components, weights, config.ppo, config.steps, seed, device, on_progress=on_progress
     )
     with sampling_seed(actions_seed):
-        objectives = _play(policy, venv)
+        episodes = play_once(policy, venv)
+    objectives = np.stack([episode.objectives for episode in episodes])
     return Solution(venv.weights, venv.returns.mean(axis=0, dtype=np.float64), objectives, policy, env_steps)
-
-
-def _play(policy: Policy, venv: ScalarisedRewards) -> NDArray[np.int64]:
-    """Play one episode in each environment; return the counters (n, m), leave the returns in the wrapper."""
-    observations = venv.reset()
-    for _ in range(venv.venv.world.horizon):
-        after, _, dones, infos = venv.step(policy.predict(observations)[0])
-        assert isinstance(after, np.ndarray)
-        observations = after
-    assert dones.all()
-    return np.stack([info["objectives"] for info in infos])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +15,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, configure
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.utils import obs_as_tensor
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from moral_algorithms.bridge import ScalarisedRewards
 from moral_algorithms.learners.checkpoints import load_optimiser_state, optimiser_state
@@ -92,10 +93,12 @@ OnProgress = Callable[[Progress], None]
 
 def make_ppo(
     config: PPOConfig,
-    venv: ScalarisedRewards,
+    venv: VecEnv,
     seed: int,
     device: str = "cpu",
     tensorboard: Path | None = None,
+    policy: type[ActorCriticPolicy] | None = None,
+    policy_arguments: Mapping[str, Any] | None = None,
 ) -> PPO:
     """PPO on scalarised rewards.
 
@@ -107,16 +110,20 @@ def make_ppo(
     config
         Hyperparameters.
     venv
-        The environments.
+        The environments, whose rewards are scalars.
     seed
         Seeds the weights' initialisation and the actions.
     device
         Where networks live: cpu, cuda or auto.
     tensorboard
         Folder for TensorBoard's event files; None writes none.
+    policy
+        Networks of actor and critic; None takes those that the configuration names.
+    policy_arguments
+        Further arguments of the policy.
     """
     scaled = VecNormalize(venv, norm_obs=False, gamma=config.gamma)
-    policy = POLICIES[config.policy]
+    policy = policy or POLICIES[config.policy]
     model = PPO(
         policy,
         scaled,
@@ -129,7 +136,7 @@ def make_ppo(
         clip_range=config.clip_range,
         ent_coef=config.entropy_start,
         rollout_buffer_class=CroppingRolloutBuffer if issubclass(policy, EgocentricPolicy) else RolloutBuffer,
-        policy_kwargs={"optimizer_kwargs": {"fused": True}},
+        policy_kwargs={"optimizer_kwargs": {"fused": True}, **(policy_arguments or {})},
         seed=seed,
         device=device,
     )

@@ -1,8 +1,9 @@
 """Policies and reward networks as files: parameters in safetensors, with a header that says what they are.
 
 The header, JSON under ``moral``, holds ``kind``, ``version`` (1), ``world`` and how to build the network:
-``preset`` for a policy; ``architecture``, ``gamma`` and ``normaliser`` for AIRL's reward network;
-``architecture``, ``num_actions`` and ``members`` for an ensemble learned from preferences.
+``preset`` for a policy; ``components`` and ``span`` for a policy for all weights; ``architecture``, ``gamma``
+and ``normaliser`` for AIRL's reward network; ``architecture``, ``num_actions`` and ``members`` for an
+ensemble learned from preferences.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
+from moral_algorithms.networks.conditioned import ConditionedPolicy
 from moral_algorithms.networks.policies import POLICIES
 from moral_algorithms.networks.rewards import ActionRewardEnsemble, ShapedRewardNetwork
 from moral_algorithms.storage import Arrays, StorageError, read_tensors, write_tensors
@@ -27,6 +29,7 @@ from moral_envs.world import NUM_ACTIONS
 
 VERSION = 1
 _POLICY, _REWARD, _ACTION_REWARD = "moral-policy", "moral-reward", "moral-action-reward"
+_CONDITIONED = "moral-conditioned-policy"
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -36,6 +39,15 @@ class StoredPolicy(NamedTuple):
 
     policy: ActorCriticPolicy
     """Ready to act."""
+    world: WorldSpec
+    """Where it was trained."""
+
+
+class StoredConditionedPolicy(NamedTuple):
+    """A policy for all weights that was read from a file."""
+
+    policy: ConditionedPolicy
+    """Makes the policy for given weights."""
     world: WorldSpec
     """Where it was trained."""
 
@@ -99,6 +111,53 @@ def load_policy(path: Path, device: str = "cpu") -> StoredPolicy:
     policy, _, world = _load(path, _POLICY, build)
     policy.to(device).set_training_mode(False)
     return StoredPolicy(policy, world)
+
+
+def save_conditioned_policy(path: Path, policy: ConditionedPolicy, world: WorldSpec) -> None:
+    """Write a policy for all weights.
+
+    Parameters
+    ----------
+    path
+        The file.
+    policy
+        What is written.
+    world
+        Where it was trained.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written.
+    """
+    header = {
+        "kind": _CONDITIONED,
+        "version": VERSION,
+        "world": world.to_json(),
+        "components": policy.components,
+        "span": policy.span,
+    }
+    write_tensors(path, _arrays(policy), header)
+
+
+def load_conditioned_policy(path: Path, device: str = "cpu") -> StoredConditionedPolicy:
+    """Read a policy for all weights.
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, damaged, or holds something else.
+    """
+
+    def build(header: dict[str, Any], world: WorldSpec) -> ConditionedPolicy:
+        components, span = int(header["components"]), float(header["span"])
+        if not (components > 0 and math.isfinite(span) and span > 1):
+            raise ValueError(f"it has {components} components and a span of {span}")
+        return ConditionedPolicy.build(_state_shape(world), NUM_ACTIONS, components, span)
+
+    policy, _, world = _load(path, _CONDITIONED, build)
+    policy.to(device).set_training_mode(False)
+    return StoredConditionedPolicy(policy, world)
 
 
 def save_reward(path: Path, network: ShapedRewardNetwork, normaliser: float, world: WorldSpec) -> None:

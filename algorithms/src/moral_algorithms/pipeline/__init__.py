@@ -3,31 +3,34 @@
 ``expert`` trains a policy to learn from, ``demonstrate`` records it, ``airl`` learns a reward from that,
 ``moral`` trains under that reward and the world's own, balanced by a teacher's preferences, and ``evaluate``
 measures a policy beside the exact optimum. Each leaves its results in files, from which the next goes on.
+
+``cover`` and ``align`` do what ``moral`` does in two parts: a policy for all weights, trained once, and the
+queries of any number of teachers.
 """
 
-from moral_algorithms.pipeline.alignment import (
-    MoralRun,
-    moral,
-    normaliser_config,
-    read_moral_run,
-    world_of_rewards,
-)
+from moral_algorithms.pipeline.alignment import MoralRun, moral, read_moral_run
 from moral_algorithms.pipeline.baseline import DRLHPRun, drlhp, drlhp_preset, read_drlhp_run
+from moral_algorithms.pipeline.covering import AlignRun, CoverRun, align, cover, read_align_run
 from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
 from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
+from moral_algorithms.pipeline.reward_vector import normaliser_config, world_of_rewards
 from moral_algorithms.pipeline.stage import Setting
 from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.seeding import spawn_seeds
 
 __all__ = [
+    "AlignRun",
+    "CoverRun",
     "DRLHPRun",
     "Evaluation",
     "MoralRun",
     "Setting",
     "TeacherConfig",
     "airl",
+    "align",
     "changes_since_start",
+    "cover",
     "demonstrate",
     "drlhp",
     "drlhp_preset",
@@ -37,6 +40,7 @@ __all__ = [
     "how_to_resume",
     "moral",
     "normaliser_config",
+    "read_align_run",
     "read_drlhp_run",
     "read_moral_run",
     "read_setting",

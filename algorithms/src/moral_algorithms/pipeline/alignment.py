@@ -8,30 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from moral_algorithms.bridge import LearnedReward, PrimaryReward, RewardComponent
-from moral_algorithms.evaluation import play_episodes
-from moral_algorithms.learners.expert import ExpertConfig, train_expert
+from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig, train_moral
-from moral_algorithms.learners.ppo import PPOConfig, sampling_seed
-from moral_algorithms.networks.files import load_reward, save_policy
+from moral_algorithms.learners.ppo import PPOConfig
+from moral_algorithms.networks.files import save_policy
 from moral_algorithms.pipeline.resuming import read_resumable, resumable
-from moral_algorithms.pipeline.stage import Setting, StageClock, name_values, require_normaliser
+from moral_algorithms.pipeline.reward_vector import (
+    copy_rewards,
+    normaliser_config,
+    primary_normalisers,
+    require_reward_vector,
+    require_worlds,
+    reward_components,
+    total,
+)
+from moral_algorithms.pipeline.stage import Setting, StageClock, name_values
 from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.run_directory import RunDirectory, read_lines
 from moral_algorithms.seeding import spawn_seeds
-from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
+from moral_algorithms.storage import StorageError, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
 KIND = "train"
 """Kind of the run, which is also the command that makes it."""
-
-_NORMALISER_EPISODES = 200
-_REWARD = "reward.safetensors"
-
-
-def normaliser_config() -> ExpertConfig:
-    """How policies that pursue one primary component alone are trained by default."""
-    return ExpertConfig(max_steps=150_000, ppo=PPOConfig(entropy_start=0.01, entropy_end=0.01))
 
 
 @dataclass(frozen=True)
@@ -107,17 +106,6 @@ def read_moral_run(directory: RunDirectory) -> MoralRun:
     return MoralRun.from_json(read_resumable(directory, KIND))
 
 
-def world_of_rewards(rewards: tuple[Path, ...]) -> WorldSpec:
-    """Find the world that the first of several rewards was learned in; of none, the default.
-
-    Raises
-    ------
-    StorageError
-        If the reward cannot be read.
-    """
-    return load_reward(rewards[0] / _REWARD).world if rewards else WorldSpec()
-
-
 def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool = False) -> dict[str, Any]:
     """Train an aligned agent, from the start or from where the run in the directory stands.
 
@@ -153,20 +141,17 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
     if resume:
         read_moral_run(directory)
     else:
-        for path in run.rewards:
-            _require_world(path, load_reward(path / _REWARD).world, run.world)
+        require_worlds(run)
     with directory.hold():
         if not resume:
             directory.require_new()
-            for path, copy in zip(run.rewards, _copies(directory, run).values(), strict=True):
-                with atomic_write(copy) as file:
-                    file.write((path / _REWARD).read_bytes())
+            copy_rewards(directory, run)
             directory.write_config({"kind": KIND, **run.to_json(), "setting": setting.to_json()})
         else:
             directory.require_config({"kind": KIND, **run.to_json()})
             if directory.summary.exists():
-                return _read_summary(directory.summary)
-            _read_metrics(directory.metrics)
+                return read_aligned_summary(directory.summary, KIND)
+            read_metrics(directory.metrics)
         with resumable(directory, KIND):
             return _train(directory, run, setting, resume)
 
@@ -176,13 +161,8 @@ def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: boo
     primary_seed, moral_seed, teacher_seed = spawn_seeds(run.seed, 3)
     world = run.world.build()
     teacher = run.teacher.build(world.objective_names, np.random.default_rng(teacher_seed))
-    normalisers = _primary_normalisers(directory, run, primary_seed, setting)
-    components: list[RewardComponent] = [
-        PrimaryReward(world.reward_names, name, 1 / normalisers[name]["return"]) for name in run.primary
-    ]
-    for name, copy in _copies(directory, run).items():
-        network, normaliser, _ = load_reward(copy, setting.device)
-        components.append(LearnedReward(name, network, 1 / normaliser))
+    normalisers = primary_normalisers(directory, run, primary_seed, setting)
+    components = reward_components(directory, run, setting.device)
 
     clock = StageClock()
     with setting.stage("moral") as on_progress:
@@ -199,26 +179,23 @@ def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: boo
             resume=resume,
         )
     save_policy(directory.policy, agent.policy, run.config.ppo.policy, run.world)
-    metrics = _read_metrics(directory.metrics)
+    metrics = read_metrics(directory.metrics)
     if not metrics:
         raise StorageError(f"{directory.metrics} is damaged: it holds no rollout")
     last = metrics[-1]
     weights = name_values(tuple(component.name for component in components), agent.weights)
-    primary = {
-        key: sum(entry[key] for entry in normalisers.values()) for key in ("env_steps", "wall_seconds")
-    }
     summary = {
         "queries": last["queries"],
         "weights": weights,
         "objectives": last["objectives"],
-        "env_steps": {"primary": primary["env_steps"], "moral": agent.env_steps},
-        "wall_seconds": {"primary": primary["wall_seconds"], "moral": clock.seconds},
+        "env_steps": {"primary": total(normalisers, "env_steps"), "moral": agent.env_steps},
+        "wall_seconds": {"primary": total(normalisers, "wall_seconds"), "moral": clock.seconds},
     }
     write_json(directory.summary, summary)
     return summary
 
 
-def _read_metrics(path: Path) -> list[dict[str, Any]]:
+def read_metrics(path: Path) -> list[dict[str, Any]]:
     """Read the lines of the rollouts, checked."""
     lines = read_lines(path)
     types = {"env_steps": int, "queries": int, "weights": dict, "objectives": dict}
@@ -228,116 +205,17 @@ def _read_metrics(path: Path) -> list[dict[str, Any]]:
     return lines
 
 
-def _read_summary(path: Path) -> dict[str, Any]:
-    """Read the result of a finished run, checked."""
+def read_aligned_summary(path: Path, kind: str) -> dict[str, Any]:
+    """Read the result of a finished run of a kind, checked."""
     summary = read_json(path)
     types = {"queries": int, "weights": dict, "objectives": dict, "env_steps": dict, "wall_seconds": dict}
     if not isinstance(summary, dict) or {name: type(entry) for name, entry in summary.items()} != types:
-        raise StorageError(f"{path} is damaged: it is not the summary of a run of moral train")
+        raise StorageError(f"{path} is damaged: it is not the summary of a run of moral {kind}")
     return summary
-
-
-def _read_normalisers(path: Path) -> dict[str, dict[str, Any]]:
-    """Read the returns of the policies that pursue one primary component alone, checked."""
-    found = read_json(path) if path.exists() else {}
-    types = {"return": float, "env_steps": int, "wall_seconds": float}
-    entries = found.values() if isinstance(found, dict) else [found]
-    for entry in entries:
-        if not isinstance(entry, dict) or {name: type(value) for name, value in entry.items()} != types:
-            raise StorageError(f"{path} is damaged: it holds {entry!r}, which is no normaliser")
-        require_normaliser(entry["return"], f"an entry of {path}", "remove the file")
-    normalisers: dict[str, dict[str, Any]] = found
-    return normalisers
-
-
-def _primary_normalisers(
-    directory: RunDirectory, run: MoralRun, seed: int, setting: Setting
-) -> dict[str, dict[str, Any]]:
-    """Find what a policy that pursues one primary component alone earns (eq. 5.2), once per run."""
-    path = directory.path / "normalisers.json"
-    found = _read_normalisers(path)
-    for name, component_seed in zip(run.primary, spawn_seeds(seed, len(run.primary)), strict=True):
-        if name in found:
-            continue
-        if name in run.returns:
-            found[name] = {"return": float(run.returns[name]), "env_steps": 0, "wall_seconds": 0.0}
-        else:
-            found[name] = pursue_alone(run.world, name, run.normaliser, component_seed, setting)
-        write_json(path, found)
-    return found
-
-
-def pursue_alone(
-    world: WorldSpec, component: str, config: ExpertConfig, seed: int, setting: Setting
-) -> dict[str, Any]:
-    """Find what a policy earns that pursues one component of the world's reward vector alone (eq. 5.2).
-
-    Parameters
-    ----------
-    world
-        Where it acts.
-    component
-        Name of the component.
-    config
-        How the policy is trained.
-    seed
-        Entropy of all of it.
-    setting
-        How the stage is run.
-
-    Returns
-    -------
-    dict
-        ``return``, the absolute value of its mean return, ``env_steps`` and ``wall_seconds``.
-
-    Raises
-    ------
-    ValueError
-        If the policy earns nothing, by which nothing can be divided.
-    """
-    training_seed, evaluation_seed = spawn_seeds(seed, 2)
-    clock = StageClock()
-    built = world.build()
-    alone = [float(component == other) for other in built.reward_names]
-    with setting.stage("primary") as on_progress:
-        trained = train_expert(world, alone, config, training_seed, setting.device, on_progress=on_progress)
-        with sampling_seed(evaluation_seed):
-            played = play_episodes(trained.policy, built, _NORMALISER_EPISODES, evaluation_seed)
-    column = built.reward_names.index(component)
-    mean = abs(float(played.returns[:, column].mean()))
-    who = f"the policy that pursues {component} alone"
-    require_normaliser(mean, who, "train it longer (--normaliser.max-steps)")
-    env_steps = trained.env_steps + played.actions.size
-    return {"return": mean, "env_steps": env_steps, "wall_seconds": clock.seconds}
-
-
-def _copies(directory: RunDirectory, run: MoralRun) -> dict[str, Path]:
-    """Where a run keeps its reward networks, by the names of their components."""
-    names = [f"learned_{number}" for number in range(1, len(run.rewards) + 1)]
-    return {name: directory.path / f"{name}.safetensors" for name in names}
 
 
 def _require_fitting(run: MoralRun) -> None:
     """Raise a ValueError if a run's parts do not fit together."""
     spawn_seeds(run.seed, 1)
-    world = run.world.build()
-    run.teacher.build(world.objective_names, np.random.default_rng(0))
-    most = dict(zip(world.reward_names, world.reward_bounds[1], strict=True))
-    for name in run.primary:
-        PrimaryReward(world.reward_names, name)
-        if most[name] <= 0:
-            able = [other for other, amount in most.items() if amount > 0]
-            raise ValueError(f"primary is {name!r}, whose reward is never positive; it must be one of {able}")
-    for name, value in run.returns.items():
-        if name not in run.primary:
-            raise ValueError(f"returns name {name!r}; they must be of {run.primary}, the primary components")
-        require_normaliser(value, f"returns, for {name},", "give a positive one")
-    if len(set(run.primary)) < len(run.primary):
-        raise ValueError(f"primary is {run.primary}; it must name no component twice")
-    if not run.rewards:
-        raise ValueError("rewards is empty; it must name at least one run directory of moral airl")
-
-
-def _require_world(source: Path, found: WorldSpec, wanted: WorldSpec) -> None:
-    if found.build() != wanted.build():
-        raise StorageError(f"{source} was learned in {found.to_json()}; it must be {wanted.to_json()}")
+    run.teacher.build(run.world.build().objective_names, np.random.default_rng(0))
+    require_reward_vector(run)

@@ -1,0 +1,121 @@
+"""MORAL's queries to a policy that has been trained for all weights (thesis, algorithm 5 without its PPO).
+
+The policy follows the posterior mean at once, so that every query compares fresh episodes of the policy that
+the answer is about. Nothing is trained between two queries.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards
+from moral_algorithms.learners.asking import Episode, QueryChooser, TeacherAsker, play_once
+from moral_algorithms.learners.inference import InferenceConfig, make_posterior
+from moral_algorithms.learners.moral import AlignedAgent
+from moral_algorithms.learners.ppo import OnProgress, Progress, sampling_seed
+from moral_algorithms.networks.conditioned import ConditionedPolicy
+from moral_algorithms.preferences import Teacher
+from moral_algorithms.run_directory import RunDirectory, append_line, write_lines
+from moral_algorithms.seeding import spawn_seeds
+from moral_algorithms.storage import StorageError
+from moral_algorithms.worlds import WorldSpec
+
+
+@dataclass(frozen=True)
+class AlignmentConfig(InferenceConfig):
+    """How a teacher is asked about a policy for all weights."""
+
+    episodes: int = 64
+    """Fresh episodes from which each query is chosen."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.episodes < 2:
+            raise ValueError(f"episodes is {self.episodes}; it must be at least 2, for a query compares two")
+
+
+def ask_teacher(
+    world: WorldSpec,
+    components: Sequence[RewardComponent],
+    policy: ConditionedPolicy,
+    teacher: Teacher,
+    config: AlignmentConfig,
+    seed: int,
+    directory: RunDirectory,
+    on_progress: OnProgress | None = None,
+    resume: bool = False,
+) -> AlignedAgent:
+    """Find the weights that a teacher's preferences ask for, and the policy under them.
+
+    Parameters
+    ----------
+    world
+        Where the policy was trained.
+    components
+        The reward vector that it was trained on.
+    policy
+        The policy for all weights.
+    teacher
+        Answers the queries.
+    config
+        How many, and how they are chosen. A query that the teacher skips is replaced by one of other
+        episodes.
+    seed
+        Entropy of starts, actions, candidates and posterior samples.
+    directory
+        Where queries and metrics go; the caller holds it. A line of metrics tells what the policy achieves in
+        the episodes before each query, and in as many at the end.
+    on_progress
+        Called after the episodes of each query.
+    resume
+        Use the answers that are in the directory, of a run with the same arguments, and go on after them.
+
+    Returns
+    -------
+    AlignedAgent
+        The ``fast`` policy under the posterior mean, the weights, and the steps of the episodes.
+
+    Raises
+    ------
+    StorageError
+        If something cannot be written, the answers are damaged, or a run has left some in the directory and
+        ``resume`` is False.
+    """
+    if directory.queries.exists() and not resume:
+        raise StorageError(f"{directory.queries} is there already; resume that run or choose another folder")
+    built = world.build()
+    posterior_seed, candidate_seed, engine_seed, actions_seed = spawn_seeds(seed, 4)
+    posterior = make_posterior(config, len(components), np.random.default_rng(posterior_seed))
+    chooser = QueryChooser(posterior, config.acquisition, config.candidates, candidate_seed)
+    engine = EngineVecEnv(built, config.episodes, seed=engine_seed)
+    venv = ScalarisedRewards(engine, components, posterior.weights())
+    asker = TeacherAsker(teacher, chooser, posterior, 0, config.queries, directory.queries)
+    asker.read()
+    # Everything is done again but the asking, which takes seconds.
+    write_lines(directory.metrics, [])
+    env_steps = 0
+    with sampling_seed(actions_seed):
+        while True:
+            venv.weights = posterior.weights()
+            agent = policy.policy_at(venv.weights)
+            episodes: deque[Episode] = deque(play_once(agent, venv))
+            env_steps += sum(len(episode.replay.actions) for episode in episodes)
+            means = np.mean([episode.objectives for episode in episodes], axis=0).tolist()
+            objectives = dict(zip(built.objective_names, means, strict=True))
+            line = {
+                "env_steps": env_steps,
+                "queries": posterior.num_queries,
+                "weights": dict(zip(venv.names, venv.weights.tolist(), strict=True)),
+                "objectives": objectives,
+            }
+            append_line(directory.metrics, line)
+            if on_progress is not None:
+                total = (config.queries + 1) * config.episodes * built.horizon
+                on_progress(Progress(env_steps, total, objectives, posterior.num_queries))
+            if posterior.num_queries == config.queries:
+                return AlignedAgent(agent, posterior.weights(), env_steps)
+            asker.ask(env_steps, episodes)

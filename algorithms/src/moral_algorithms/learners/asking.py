@@ -1,0 +1,234 @@
+"""Which pairs of episodes become queries, and how a teacher who answers at once is asked."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moral_algorithms.bridge import Replay, ScalarisedRewards
+from moral_algorithms.evaluation import Policy
+from moral_algorithms.preferences import ACQUISITIONS, Posterior, Preference, Query, Teacher
+from moral_algorithms.run_directory import append_line, read_lines, repair_lines
+from moral_algorithms.storage import StorageError
+
+
+class Episode(NamedTuple):
+    """What is kept of a finished episode for the next queries."""
+
+    returns: NDArray[np.float32]
+    """Undiscounted vector return, shape (d,)."""
+    objectives: NDArray[np.int64]
+    """Ground-truth counters at the end, shape (m,)."""
+    replay: Replay
+    """The episode itself."""
+
+
+def play_once(policy: Policy, venv: ScalarisedRewards) -> list[Episode]:
+    """Play the first episode from now on in every environment, whichever ends first.
+
+    Parameters
+    ----------
+    policy
+        Chooses the actions; it samples from PyTorch's global generator.
+    venv
+        The environments, which are reset; where all episodes are equally long they end at the same step.
+
+    Returns
+    -------
+    list
+        One episode per environment, in their order.
+    """
+    observations = venv.reset()
+    finished: dict[int, Episode] = {}
+    while len(finished) < venv.num_envs:
+        after, _, dones, infos = venv.step(policy.predict(observations)[0])
+        assert isinstance(after, np.ndarray)
+        observations = after
+        for row in dones.nonzero()[0].tolist():
+            info = infos[row]
+            finished.setdefault(row, Episode(info["returns"], info["objectives"], info["replay"]))
+    return [finished[row] for row in range(venv.num_envs)]
+
+
+class QueryChooser:
+    """Draws random pairs of episodes and finds the one to ask.
+
+    Parameters
+    ----------
+    posterior
+        What is known of the weights.
+    acquisition
+        Name of the acquisition function.
+    candidates
+        How many pairs are drawn.
+    seed
+        Entropy of the pairs.
+    """
+
+    def __init__(self, posterior: Posterior, acquisition: str, candidates: int, seed: int) -> None:
+        self._posterior = posterior
+        self._acquisition = acquisition
+        self._candidates = candidates
+        self.rng = np.random.default_rng(seed)
+
+    def draw(
+        self, episodes: Sequence[Episode] | deque[Episode]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Draw candidates among at least two episodes.
+
+        Returns
+        -------
+        pairs : int64, shape (P, 2)
+            Indices of episodes.
+        returns : float64, shape (P, 2, d)
+            Their returns.
+        """
+        returns = np.array([episode.returns for episode in episodes], dtype=np.float64)
+        count = len(returns)
+        first = self.rng.integers(count, size=self._candidates)
+        second = (first + self.rng.integers(1, count, size=self._candidates)) % count
+        pairs = np.stack([first, second], axis=1)
+        # Equal returns teach nothing, yet volume removal under a logistic likelihood likes them best.
+        differ = ~np.isclose(returns[first], returns[second]).all(axis=1)
+        pairs = pairs[differ] if differ.any() else pairs
+        return pairs, returns[pairs]
+
+    def best(self, returns: NDArray[np.float64]) -> int:
+        """Index of the candidate to ask, of those with returns (P, 2, d)."""
+        acquisition = ACQUISITIONS[self._acquisition]
+        scores = acquisition(self._posterior.samples, returns, self._posterior.likelihood, self.rng)
+        return int(np.argmax(scores))
+
+
+class TeacherAsker:
+    """Asks a teacher who answers at once, at even intervals; training waits for the answer.
+
+    Parameters
+    ----------
+    teacher
+        Who answers.
+    chooser
+        Chooses the queries.
+    posterior
+        Takes the answers.
+    span
+        Environment steps over which the queries are spread.
+    queries
+        How many there are.
+    path
+        The file of answers.
+    """
+
+    def __init__(
+        self,
+        teacher: Teacher,
+        chooser: QueryChooser,
+        posterior: Posterior,
+        span: float,
+        queries: int,
+        path: Path,
+    ) -> None:
+        self._teacher = teacher
+        self._chooser = chooser
+        self._posterior = posterior
+        self._span = span
+        self._queries = queries
+        self._path = path
+        self._answered: list[dict[str, Any]] = []
+
+    def read(self) -> None:
+        """Read the answers of an earlier process; they are used when their turn comes.
+
+        Raises
+        ------
+        StorageError
+            If the file is damaged.
+        """
+        repair_lines(self._path)
+        self._answered = _read_answers(self._path)
+
+    def act(self, env_steps: int, episodes: deque[Episode]) -> bool:
+        """Ask the queries that are due; return whether there was one."""
+        asked = False
+        while self._is_due(env_steps) and len(episodes) > 1:
+            self.ask(env_steps, episodes)
+            asked = True
+        return asked
+
+    def _is_due(self, env_steps: int) -> bool:
+        asked = self._posterior.num_queries
+        return asked < self._queries and env_steps >= self._span * (asked + 1) / self._queries
+
+    def ask(self, env_steps: int, episodes: deque[Episode]) -> None:
+        """Ask the next query, of two of at least two episodes; they are removed if the teacher skips it."""
+        number = self._posterior.num_queries
+        pairs, returns = self._chooser.draw(episodes)
+        pair = [episodes[index] for index in pairs[self._chooser.best(returns)]]
+        if number < len(self._answered):
+            # Answered before a crash that came before the checkpoint: the teacher is not asked again.
+            record = self._answered[number]
+            self._teacher.load_state_dict(record["teacher"])
+        else:
+            query = Query(
+                np.array([episode.returns for episode in pair], dtype=np.float64),
+                np.array([episode.objectives for episode in pair]),
+            )
+            preference = self._teacher.prefer(query)
+            if preference is None:
+                # Skipped: the next try waits for other episodes.
+                episodes.clear()
+                return
+            record = {
+                "env_steps": env_steps,
+                "returns": query.returns.tolist(),
+                "objectives": query.objectives.tolist(),
+                "episodes": [episode.replay.to_json() for episode in pair],
+                "query": number,
+                "preference": preference.value,
+                "teacher": self._teacher.state_dict(),
+            }
+            append_line(self._path, record)
+            self._answered.append(record)
+        self._posterior.add(np.array(record["returns"]), Preference(record["preference"]))
+
+    def state_dict(self) -> dict[str, Any]:
+        """State of the candidates and of the teacher."""
+        return {"candidates": self._chooser.rng.bit_generator.state, "teacher": self._teacher.state_dict()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on where `state_dict` was taken, with the answers that `read` has found.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If the state is damaged.
+        StorageError
+            If answers are missing from the file.
+        """
+        self._chooser.rng.bit_generator.state = state["candidates"]
+        self._teacher.load_state_dict(state["teacher"])
+        used = self._posterior.num_queries
+        if len(self._answered) < used:
+            raise StorageError(f"{self._path} has {len(self._answered)} answers; the checkpoint has {used}")
+
+
+def _read_answers(path: Path) -> list[dict[str, Any]]:
+    """Read the answered queries, checked: a damaged one must not come to light in the middle of training."""
+    answers = read_lines(path)
+    for number, record in enumerate(answers):
+        try:
+            Query(np.array(record["returns"]), np.array(record["objectives"]))
+            Preference(record["preference"])
+            valid = record["query"] == number and isinstance(record["teacher"], dict)
+        except (KeyError, TypeError, ValueError):
+            valid = False
+        if not valid:
+            raise StorageError(
+                f"{path} is damaged in line {number + 1}: it is not the answer to query {number}"
+            )
+    return answers

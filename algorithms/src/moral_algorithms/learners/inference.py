@@ -1,0 +1,89 @@
+"""How weights are inferred from preferences: priors, likelihoods and the choice of queries, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from moral_algorithms.preferences import (
+    ACQUISITIONS,
+    SAMPLERS,
+    BallPrior,
+    BradleyTerry,
+    ExponentialProxy,
+    Likelihood,
+    Posterior,
+    Prior,
+    RationalityPrior,
+)
+
+PRIORS: dict[str, type[RationalityPrior] | type[BallPrior]] = {
+    "rationality": RationalityPrior,
+    "ball": BallPrior,
+}
+"""Priors over the weights, by name."""
+
+LIKELIHOODS: dict[str, Callable[[float, float], Likelihood]] = {
+    "bradley_terry": BradleyTerry,
+    "exponential": lambda rationality, _: ExponentialProxy(rationality),
+}
+"""Likelihoods of a preference by name, made from a rationality and a lapse rate."""
+
+
+@dataclass(frozen=True)
+class InferenceConfig:
+    """How many queries there are, how they are chosen and what is learned from the answers."""
+
+    queries: int = 25
+    """Questions to the teacher."""
+    candidates: int = 2000
+    """Random pairs of recent episodes from which each query is chosen."""
+    acquisition: str = "expected_regret"
+    """How: expected_regret, mutual_information, volume_removal or random."""
+    prior: str = "rationality"
+    """Prior over the weights: rationality (infers the teacher's) or ball (thesis eq. 4.4)."""
+    likelihood: str = "bradley_terry"
+    """Likelihood of an answer: bradley_terry (eq. 4.1) or exponential (eq. 4.12)."""
+    rationality: float = 20.0
+    """Scale of the likelihood on returns of order one under the ball prior; the other prior infers it."""
+    lapse: float = 0.0
+    """Share of the answers that the bradley_terry likelihood takes to be random."""
+    sampler: str = "hit_and_run"
+    """Sampler of the posterior: hit_and_run or metropolis (thesis)."""
+    samples: int = 1000
+    """Samples of the posterior."""
+
+    def __post_init__(self) -> None:
+        for name, minimum in (("queries", 0), ("candidates", 1), ("samples", 2)):
+            if getattr(self, name) < minimum:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least {minimum}")
+        choices: dict[str, Sequence[str]] = {
+            "acquisition": sorted(ACQUISITIONS),
+            "prior": sorted(PRIORS),
+            "likelihood": sorted(LIKELIHOODS),
+            "sampler": sorted(SAMPLERS),
+        }
+        for name, known in choices.items():
+            if getattr(self, name) not in known:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; it must be one of {known}")
+        if not self.rationality > 0:
+            raise ValueError(f"rationality is {self.rationality}; it must be positive")
+        if not 0 <= self.lapse < 1:
+            raise ValueError(f"lapse is {self.lapse}; it must be at least 0 and below 1")
+        if self.likelihood == "exponential" and self.prior != "ball":
+            raise ValueError(
+                f"prior is {self.prior!r}; it must be 'ball' with the exponential likelihood, which tells "
+                "nothing of a teacher's rationality"
+            )
+        if self.likelihood == "exponential" and self.lapse:
+            raise ValueError(f"lapse is {self.lapse}; it must be 0 with the exponential likelihood")
+
+
+def make_posterior(config: InferenceConfig, dim: int, rng: np.random.Generator) -> Posterior:
+    """Make the posterior over ``dim`` weights that a configuration asks for, before any answer."""
+    prior: Prior = PRIORS[config.prior](dim)
+    rationality = config.rationality if config.prior == "ball" else 1.0
+    likelihood = LIKELIHOODS[config.likelihood](rationality, config.lapse)
+    return Posterior(prior, likelihood, SAMPLERS[config.sampler], num_samples=config.samples, rng=rng)

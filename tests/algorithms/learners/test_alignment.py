@@ -1,0 +1,146 @@
+"""Queries about a policy for all weights."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from moral_algorithms.bridge import PrimaryReward
+from moral_algorithms.learners.alignment import AlignmentConfig, ask_teacher
+from moral_algorithms.learners.covering import CoveringConfig, train_covering
+from moral_algorithms.learners.moral import AlignedAgent
+from moral_algorithms.networks.conditioned import ConditionedPolicy
+from moral_algorithms.preferences import LexicographicTeacher, NoisyTeacher, Preference, Query, Teacher
+from moral_algorithms.run_directory import RunDirectory
+from moral_algorithms.storage import StorageError
+from tests.algorithms.tiny import EMERGENCY, parameters, ppo_config
+
+BUILT = EMERGENCY.build()
+COMPONENTS = [
+    PrimaryReward(BUILT.reward_names, "extinguish", 1.4),
+    PrimaryReward(BUILT.reward_names, "save", 0.5),
+]
+
+
+@pytest.fixture(scope="module")
+def policy() -> ConditionedPolicy:
+    config = CoveringConfig(steps=15_000, span=30.0, ppo=ppo_config())
+    return train_covering(EMERGENCY, COMPONENTS, config, seed=0).policy
+
+
+def config(**changes: Any) -> AlignmentConfig:
+    return AlignmentConfig(**{"queries": 6, "candidates": 200, "samples": 100, "episodes": 16, **changes})
+
+
+def ask(policy: ConditionedPolicy, teacher: Teacher, folder: Path, **options: Any) -> AlignedAgent:
+    resume = options.pop("resume", False)
+    folder.mkdir(exist_ok=True)
+    directory = RunDirectory(folder)
+    return ask_teacher(EMERGENCY, COMPONENTS, policy, teacher, config(**options), 5, directory, resume=resume)
+
+
+class Recorder(Teacher):
+    """Prefers one objective, and remembers what it was asked."""
+
+    def __init__(self, objective: str, skip: int = 0) -> None:
+        self._teacher = LexicographicTeacher((objective,), BUILT.objective_names)
+        self._skip = skip
+        self.asked: list[Query] = []
+
+    def prefer(self, query: Query) -> Preference | None:
+        self.asked.append(query)
+        return None if len(self.asked) <= self._skip else self._teacher.prefer(query)
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_weights_follow_the_teacher(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    time = ask(policy, Recorder("goal_time"), tmp_path / "time")
+    saved = ask(policy, Recorder("people_saved"), tmp_path / "saved")
+    # Equal before the first answer; an answer of a teacher with one wish can only move it one way.
+    assert time.weights[0] > 0.6
+    assert saved.weights[1] > 0.6
+    last_time, last_saved = (lines(tmp_path / name / "metrics.jsonl")[-1] for name in ("time", "saved"))
+    assert last_time["objectives"]["goal_time"] > last_saved["objectives"]["goal_time"] + 1
+    assert last_saved["objectives"]["people_saved"] > last_time["objectives"]["people_saved"]
+
+
+def test_a_run_records_what_it_did(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    agent = ask(policy, Recorder("people_saved"), tmp_path)
+    answers, metrics = lines(tmp_path / "queries.jsonl"), lines(tmp_path / "metrics.jsonl")
+    assert [answer["query"] for answer in answers] == list(range(6))
+    # Episodes before each query and at the end, of eight steps each.
+    steps = [16 * 8 * count for count in range(1, 8)]
+    assert [line["env_steps"] for line in metrics] == steps
+    assert [answer["env_steps"] for answer in answers] == steps[:-1]
+    assert [line["queries"] for line in metrics] == list(range(7))
+    assert agent.env_steps == steps[-1]
+    assert metrics[0]["weights"] == {"extinguish": 0.5, "save": 0.5}
+    np.testing.assert_allclose(list(metrics[-1]["weights"].values()), agent.weights, rtol=1e-6)
+    wanted = parameters(policy.policy_at(agent.weights))
+    found = parameters(agent.policy)
+    assert all((wanted[name] == found[name]).all() for name in wanted)
+
+
+def test_answered_queries_are_not_asked_again(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    def noisy() -> tuple[Recorder, NoisyTeacher]:
+        recorder = Recorder("people_saved")
+        return recorder, NoisyTeacher(recorder, 0.3, np.random.default_rng(3))
+
+    whole = ask(policy, noisy()[1], tmp_path / "whole")
+    queries = (tmp_path / "whole" / "queries.jsonl").read_bytes()
+    for kept in (0, 2, 6):
+        folder = tmp_path / f"kept {kept}"
+        folder.mkdir()
+        # As it was left in the middle of writing the next answer.
+        head = b"".join(queries.splitlines(keepends=True)[:kept]) + (b'{"env_st' if kept < 6 else b"")
+        (folder / "queries.jsonl").write_bytes(head)
+        with pytest.raises(StorageError, match="is there already"):
+            ask(policy, noisy()[1], folder)
+        recorder, teacher = noisy()
+        resumed = ask(policy, teacher, folder, resume=True)
+        assert len(recorder.asked) <= 6 - kept
+        np.testing.assert_array_equal(resumed.weights, whole.weights)
+        for name in ("queries.jsonl", "metrics.jsonl"):
+            assert (folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_a_skipped_query_is_replaced(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    teacher = Recorder("people_saved", skip=2)
+    agent = ask(policy, teacher, tmp_path, queries=3)
+    assert len(lines(tmp_path / "queries.jsonl")) == 3
+    assert len(teacher.asked) == 5
+    assert agent.env_steps == (3 + 2 + 1) * 16 * 8
+    assert (teacher.asked[0].returns != teacher.asked[1].returns).any()
+
+
+def test_without_queries_there_is_the_prior(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    agent = ask(policy, Recorder("goal_time"), tmp_path, queries=0)
+    np.testing.assert_allclose(agent.weights, 0.5)
+    assert agent.env_steps == 16 * 8
+
+
+def test_damaged_answers_are_refused(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    (tmp_path / "queries.jsonl").write_text("{}\n")
+    with pytest.raises(StorageError, match="is damaged in line 1"):
+        ask(policy, Recorder("goal_time"), tmp_path, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"episodes": 1}, "episodes is 1; it must be at least 2"),
+        ({"queries": -1}, "queries is -1; it must be at least 0"),
+        ({"lapse": 1.0}, "lapse is 1.0; it must be at least 0 and below 1"),
+        ({"prior": "ball", "likelihood": "exponential", "lapse": 0.1}, "lapse is 0.1; it must be 0 with"),
+    ],
+)
+def test_impossible_configurations_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        config(**changes)

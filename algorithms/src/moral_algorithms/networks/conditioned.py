@@ -25,6 +25,10 @@ from moral_algorithms.networks.precision import fast_matmul
 RADIUS = 5
 HIDDEN = (256, 256)
 
+# A handful of weights stands beside hundreds of cells. On the cells' scale training hardly sees them, and the
+# policy becomes the same for all; on a much larger one it learns slowly.
+_LOUDNESS = 8.0
+
 
 class ConditionedFeatures(BaseFeaturesExtractor):
     """A multilayer perceptron on the crop around the agent and on the scalarisation weights.
@@ -62,7 +66,7 @@ class ConditionedFeatures(BaseFeaturesExtractor):
         shares = weights / weights.mean(dim=1, keepdim=True)
         ratios = weights / weights.amax(dim=1, keepdim=True)
         logarithms = torch.log(ratios.clamp(min=1 / self.span))
-        shift: torch.Tensor = self.conditioning(torch.cat([shares, logarithms], dim=1))
+        shift: torch.Tensor = self.conditioning(_LOUDNESS * torch.cat([shares, logarithms], dim=1))
         return shift
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:

@@ -118,12 +118,6 @@ def emergency_moral(profile: Profile, queries: int = 25) -> MoralConfig:
     return _moral(config, profile, paper_steps=3_000_000)
 
 
-def delivery_moral(profile: Profile, queries: int = 25) -> MoralConfig:
-    """MORAL in Delivery."""
-    config = replace(MoralConfig(), queries=queries)
-    return _moral(config, profile, paper_steps=8_000_000)
-
-
 def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:
     """One policy for all weights of (deliver, f_help, f_clean) in Delivery, or of the norms alone."""
     config = CoveringConfig()

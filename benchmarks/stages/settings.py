@@ -148,7 +148,7 @@ def drlhp(profile: Profile, world: WorldSpec, queries: int) -> DRLHPConfig:
     """DRLHP in either world."""
     config = replace(drlhp_preset("paper" if profile == "paper" else "fast", world), queries=queries)
     if profile == "smoke":
-        reward = replace(config.reward, members=1)
+        reward = replace(config.reward, members=1, initial_updates=20, updates=2)
         config = replace(config, steps=_SMOKE_STEPS, queries=min(queries, 12), reward=reward, ppo=_SMOKE)
     return config
 

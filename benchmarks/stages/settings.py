@@ -107,7 +107,7 @@ def helping_and_cleaning(profile: Profile, seed: int) -> tuple[LearnedNorm, Lear
 
 def primary(profile: Profile, world: WorldSpec, component: str, seed: int) -> PrimaryReturn:
     """Normaliser of a primary component."""
-    return PrimaryReturn(world, component, seed, _expert(normaliser_config(), profile))
+    return PrimaryReturn(world, component, seed, _expert(normaliser_config(world.name), profile))
 
 
 def emergency_moral(profile: Profile, queries: int = 25) -> MoralConfig:

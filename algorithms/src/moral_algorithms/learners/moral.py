@@ -1,9 +1,10 @@
 """MORAL: train under weights that are meanwhile learned from preferences (thesis, algorithms 1 and 5).
 
 The reward vector holds primary components, read from the environment, and learned ones, one per expert. PPO
-trains under the posterior mean of the weights. At even intervals the most informative of many random pairs of
-recent on-policy episodes is shown to the teacher; the answer updates the posterior, the weights are replaced,
-and training goes on.
+trains under the posterior mean of the weights. The most informative of many random pairs of recent on-policy
+episodes are shown to the teacher; each answer updates the posterior, the weights are replaced, and training
+goes on. A simulated teacher is asked at even intervals (:mod:`~moral_algorithms.learners.asking`); people
+answer in their own time (:mod:`~moral_algorithms.learners.query_queue`).
 
 An answer is on the disk before it counts, and a checkpoint follows it. After a crash training goes on from
 the last checkpoint; queries that were answered since are not asked again.
@@ -15,7 +16,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,13 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from moral_algorithms.bridge import EngineVecEnv, Replay, RewardComponent, ScalarisedRewards
+from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards
+from moral_algorithms.learners.asking import Asker, Episode, QueryChooser, TeacherAsker
+from moral_algorithms.learners.beside_people import PaceSchedule, StatusWriter, learn_at_pace
+from moral_algorithms.learners.pace import Pace
 from moral_algorithms.learners.ppo import (
+    BatchedBootstrap,
+    EntropySchedule,
     ObjectiveMonitor,
     OnProgress,
     PPOConfig,
@@ -32,8 +38,8 @@ from moral_algorithms.learners.ppo import (
     load_ppo_state,
     make_ppo,
     ppo_state,
-    standard_callbacks,
 )
+from moral_algorithms.learners.query_queue import People, QueryQueue
 from moral_algorithms.preferences import (
     ACQUISITIONS,
     SAMPLERS,
@@ -42,12 +48,11 @@ from moral_algorithms.preferences import (
     ExponentialProxy,
     Likelihood,
     Posterior,
-    Preference,
     Prior,
-    Query,
     RationalityPrior,
     Teacher,
 )
+from moral_algorithms.replay import Replay
 from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, repair_lines, write_lines
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, first_line, read_tensors, write_tensors
@@ -138,7 +143,7 @@ class AlignedAgent(NamedTuple):
 def train_moral(
     world: WorldSpec,
     components: Sequence[RewardComponent],
-    teacher: Teacher,
+    teacher: Teacher | People,
     config: MoralConfig,
     seed: int,
     directory: RunDirectory,
@@ -157,7 +162,7 @@ def train_moral(
         The reward vector, normalised so that the return of a policy that pursues one component alone is about
         one.
     teacher
-        Answers the queries.
+        Answers the queries; if it is people, training goes on for as long as they take.
     config
         How it trains and asks.
     seed
@@ -190,11 +195,24 @@ def train_moral(
     posterior = make_posterior(config, len(components), np.random.default_rng(posterior_seed))
     venv = ScalarisedRewards(engine, components, posterior.weights())
     model = make_ppo(config.ppo, venv, ppo_seed, device, tensorboard)
-    standard = standard_callbacks(config.ppo, config.steps, built.objective_names, on_progress)
-    monitor = next(callback for callback in standard if isinstance(callback, ObjectiveMonitor))
-    learner = PreferenceLearner(venv, posterior, teacher, config, candidate_seed, directory, monitor)
+    chooser = QueryChooser(posterior, config.acquisition, config.candidates, candidate_seed)
+    monitor = ObjectiveMonitor(built.objective_names, config.steps, on_progress)
+    asker: Asker
+    if isinstance(teacher, People):
+        pace = Pace(config.steps, config.queries, config.query_span)
+        asker = queue = QueryQueue(teacher, chooser, posterior, pace, directory)
+    else:
+        span = config.query_span * config.steps
+        asker = TeacherAsker(teacher, chooser, posterior, span, config.queries, directory.queries)
+    learner = PreferenceLearner(venv, posterior, asker, config.checkpoint_every, directory, monitor)
     learner.restore(model)
-    learn(model, config.steps, [*standard, learner])
+    common = [BatchedBootstrap(), monitor, learner]
+    if isinstance(teacher, People):
+        status = StatusWriter(venv, posterior, queue, monitor, learner.recent, directory)
+        learn_at_pace(model, [PaceSchedule(config.ppo, pace), *common, status], queue, status)
+    else:
+        schedule = EntropySchedule(config.ppo.entropy_start, config.ppo.entropy_end, config.steps)
+        learn(model, config.steps, [schedule, *common])
     learner.save(model)
     return AlignedAgent(model.policy, posterior.weights(), model.num_timesteps)
 
@@ -207,35 +225,22 @@ def make_posterior(config: MoralConfig, dim: int, rng: np.random.Generator) -> P
     return Posterior(prior, likelihood, SAMPLERS[config.sampler], num_samples=config.samples, rng=rng)
 
 
-class Episode(NamedTuple):
-    """What is kept of a finished episode for the next queries."""
-
-    returns: NDArray[np.float32]
-    """Undiscounted vector return, shape (d,)."""
-    objectives: NDArray[np.int64]
-    """Ground-truth counters at the end, shape (m,)."""
-    replay: Replay
-    """The episode itself."""
-
-
 class PreferenceLearner(BaseCallback):
-    """Chooses queries, asks the teacher, updates the posterior and replaces the weights.
+    """Keeps what queries are chosen from, replaces the weights after answers and saves the training.
 
-    Each query compares two of the last finished episodes, one per environment. It acts between rollouts,
-    where training can be saved and continued exactly.
+    Queries compare two of the last finished episodes, one per environment. It acts between rollouts, where
+    training can be saved and continued exactly.
 
     Parameters
     ----------
     venv
         The environments whose weights it replaces.
     posterior
-        What it knows of the weights.
-    teacher
-        Answers the queries.
-    config
-        How many queries, when, and how they are chosen.
-    seed
-        Entropy of the candidates.
+        What is known of the weights.
+    asker
+        Chooses queries, puts them to the teacher and adds the answers to the posterior.
+    checkpoint_every
+        Rollouts between checkpoints.
     directory
         Where it writes.
     monitor
@@ -246,23 +251,21 @@ class PreferenceLearner(BaseCallback):
         self,
         venv: ScalarisedRewards,
         posterior: Posterior,
-        teacher: Teacher,
-        config: MoralConfig,
-        seed: int,
+        asker: Asker,
+        checkpoint_every: int,
         directory: RunDirectory,
         monitor: ObjectiveMonitor,
     ) -> None:
         super().__init__()
         self._venv = venv
         self._posterior = posterior
-        self._teacher = teacher
-        self._config = config
+        self._asker = asker
+        self._checkpoint_every = checkpoint_every
         self._directory = directory
         self._monitor = monitor
-        self._rng = np.random.default_rng(seed)
-        self._recent: deque[Episode] = deque(maxlen=venv.num_envs)
-        self._answered: list[dict[str, Any]] = []
         self._rollouts = 0
+        self.recent: deque[Episode] = deque(maxlen=venv.num_envs)
+        """The last finished episodes."""
 
     def restore(self, model: PPO) -> None:
         """Go on from the last checkpoint, if there is one, and from the queries answered since.
@@ -272,9 +275,8 @@ class PreferenceLearner(BaseCallback):
         StorageError
             If what is in the run directory is damaged or of another run.
         """
-        for path in (self._directory.queries, self._directory.metrics):
-            repair_lines(path)
-        self._answered = _read_answers(self._directory.queries)
+        repair_lines(self._directory.metrics)
+        self._asker.read()
         if self._directory.checkpoint.exists():
             self._load_checkpoint(model)
         # Training goes through the rollouts after the checkpoint once more, and writes their lines again.
@@ -291,24 +293,20 @@ class PreferenceLearner(BaseCallback):
             self._posterior.load_state_dict(
                 {**posterior, "returns": arrays["posterior.returns"], "samples": arrays["posterior.samples"]}
             )
-            self._rng.bit_generator.state = metadata["candidates"]
-            self._teacher.load_state_dict(metadata["teacher"])
+            self._asker.load_state_dict(metadata["asker"])
             self._monitor.means = metadata["objectives"]
             names = ("returns", "objectives", "streams", "actions")
             recent = zip(*(arrays[f"recent.{name}"] for name in names), strict=True)
-            self._recent.extend(
+            self.recent.extend(
                 Episode(returns, objectives, Replay(int(stream), actions))
                 for returns, objectives, stream, actions in recent
             )
+        except StorageError:
+            raise
         except (KeyError, TypeError, ValueError, IndexError, RuntimeError) as error:
             reason = first_line(error)
             raise StorageError(f"{self._directory.checkpoint} does not fit this run: {reason}") from error
         self._monitor.queries = self._posterior.num_queries
-        if len(self._answered) < self._posterior.num_queries:
-            raise StorageError(
-                f"{self._directory.queries} has {len(self._answered)} answers; "
-                f"the checkpoint has {self._posterior.num_queries}"
-            )
 
     def save(self, model: PPO) -> None:
         """Write a checkpoint.
@@ -322,7 +320,7 @@ class PreferenceLearner(BaseCallback):
         posterior = self._posterior.state_dict()
         arrays["posterior.returns"] = posterior.pop("returns")
         arrays["posterior.samples"] = posterior.pop("samples")
-        recent = self._recent
+        recent = self.recent
         arrays["recent.returns"] = np.array([episode.returns for episode in recent], dtype=np.float32)
         arrays["recent.objectives"] = np.array([episode.objectives for episode in recent], dtype=np.int64)
         arrays["recent.streams"] = np.array([episode.replay.stream for episode in recent], dtype=np.uint64)
@@ -331,15 +329,14 @@ class PreferenceLearner(BaseCallback):
             "kind": "moral-checkpoint",
             "ppo": ppo,
             "posterior": posterior,
-            "candidates": self._rng.bit_generator.state,
-            "teacher": self._teacher.state_dict(),
+            "asker": self._asker.state_dict(),
             "objectives": self._monitor.means,
         }
         write_tensors(self._directory.checkpoint, arrays, metadata)
 
     def _on_step(self) -> bool:
         if self.locals["dones"].any():
-            self._recent.extend(
+            self.recent.extend(
                 Episode(info["returns"], info["objectives"], info["replay"])
                 for info in self.locals["infos"]
                 if "returns" in info
@@ -349,11 +346,11 @@ class PreferenceLearner(BaseCallback):
     def _on_rollout_start(self) -> None:
         assert isinstance(self.model, PPO)
         self._rollouts += 1
-        save = self._rollouts % self._config.checkpoint_every == 0
-        while self._query_is_due and len(self._recent) > 1:
-            self._ask()
-            save = True
-        if save:
+        acted = self._asker.act(self.num_timesteps, self.recent)
+        if acted:
+            self._venv.weights = self._posterior.weights()
+            self._monitor.queries = self._posterior.num_queries
+        if acted or self._rollouts % self._checkpoint_every == 0:
             self.save(self.model)
 
     def _on_rollout_end(self) -> None:
@@ -367,71 +364,3 @@ class PreferenceLearner(BaseCallback):
             "objectives": self._monitor.means,
         }
         append_line(self._directory.metrics, line)
-
-    @property
-    def _query_is_due(self) -> bool:
-        asked, queries = self._posterior.num_queries, self._config.queries
-        span = self._config.query_span * self._config.steps
-        return asked < queries and self.num_timesteps >= span * (asked + 1) / queries
-
-    def _ask(self) -> None:
-        number = self._posterior.num_queries
-        query, record = self._choose_query()
-        if number < len(self._answered):
-            # Answered before a crash that came before the checkpoint: the teacher is not asked again.
-            record = self._answered[number]
-            query = Query(np.array(record["returns"]), np.array(record["objectives"]))
-            self._teacher.load_state_dict(record["teacher"])
-        else:
-            preference = self._teacher.prefer(query)
-            if preference is None:
-                # Skipped: the next try waits for other episodes.
-                self._recent.clear()
-                return
-            record |= {"query": number, "preference": preference.value, "teacher": self._teacher.state_dict()}
-            append_line(self._directory.queries, record)
-            self._answered.append(record)
-        self._posterior.add(query.returns, Preference(record["preference"]))
-        self._venv.weights = self._posterior.weights()
-        self._monitor.queries = self._posterior.num_queries
-
-    def _choose_query(self) -> tuple[Query, dict[str, Any]]:
-        returns = np.array([episode.returns for episode in self._recent], dtype=np.float64)
-        count = len(returns)
-        first = self._rng.integers(count, size=self._config.candidates)
-        second = (first + self._rng.integers(1, count, size=self._config.candidates)) % count
-        pairs = np.stack([first, second], axis=1)
-        # Equal returns teach nothing, yet volume removal under a logistic likelihood likes them best.
-        differ = ~np.isclose(returns[first], returns[second]).all(axis=1)
-        pairs = pairs[differ] if differ.any() else pairs
-        acquisition = ACQUISITIONS[self._config.acquisition]
-        scores = acquisition(self._posterior.samples, returns[pairs], self._posterior.likelihood, self._rng)
-        pair = [self._recent[index] for index in pairs[np.argmax(scores)]]
-        query = Query(
-            np.array([episode.returns for episode in pair], dtype=np.float64),
-            np.array([episode.objectives for episode in pair]),
-        )
-        record = {
-            "env_steps": self.num_timesteps,
-            "returns": query.returns.tolist(),
-            "objectives": query.objectives.tolist(),
-            "episodes": [episode.replay.to_json() for episode in pair],
-        }
-        return query, record
-
-
-def _read_answers(path: Path) -> list[dict[str, Any]]:
-    """Read the answered queries, checked: a damaged one must not come to light in the middle of training."""
-    answers = read_lines(path)
-    for number, record in enumerate(answers):
-        try:
-            Query(np.array(record["returns"]), np.array(record["objectives"]))
-            Preference(record["preference"])
-            valid = record["query"] == number and isinstance(record["teacher"], dict)
-        except (KeyError, TypeError, ValueError):
-            valid = False
-        if not valid:
-            raise StorageError(
-                f"{path} is damaged in line {number + 1}: it is not the answer to query {number}"
-            )
-    return answers

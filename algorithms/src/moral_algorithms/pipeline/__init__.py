@@ -7,6 +7,7 @@ measures a policy beside the exact optimum. Each leaves its results in files, fr
 
 from moral_algorithms.pipeline.alignment import (
     MoralRun,
+    begin_moral,
     moral,
     normaliser_config,
     read_moral_run,
@@ -27,6 +28,7 @@ __all__ = [
     "Setting",
     "TeacherConfig",
     "airl",
+    "begin_moral",
     "changes_since_start",
     "demonstrate",
     "drlhp",

@@ -13,10 +13,12 @@ from moral_algorithms.evaluation import play_episodes
 from moral_algorithms.learners.expert import ExpertConfig, train_expert
 from moral_algorithms.learners.moral import MoralConfig, train_moral
 from moral_algorithms.learners.ppo import PPOConfig, sampling_seed
+from moral_algorithms.learners.query_queue import People
 from moral_algorithms.networks.files import load_reward, save_policy
 from moral_algorithms.pipeline.resuming import read_resumable, resumable
 from moral_algorithms.pipeline.stage import Setting, StageClock, name_values, require_normaliser
 from moral_algorithms.pipeline.teaching import TeacherConfig
+from moral_algorithms.preferences import Teacher
 from moral_algorithms.run_directory import RunDirectory, read_lines
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
@@ -149,15 +151,10 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
     if resume:
         read_moral_run(directory)
     else:
-        for path in run.rewards:
-            _require_world(path, load_reward(path / _REWARD).world, run.world)
+        _require_worlds(run)
     with directory.hold():
         if not resume:
-            directory.require_new()
-            for path, copy in zip(run.rewards, _copies(directory, run).values(), strict=True):
-                with atomic_write(copy) as file:
-                    file.write((path / _REWARD).read_bytes())
-            directory.write_config({"kind": KIND, **run.to_json(), "setting": setting.to_json()})
+            _begin(directory, run, setting)
         else:
             directory.require_config({"kind": KIND, **run.to_json()})
             if directory.summary.exists():
@@ -167,11 +164,40 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
             return _train(directory, run, setting, resume)
 
 
+def begin_moral(directory: RunDirectory, run: MoralRun, setting: Setting) -> None:
+    """Prepare a directory for a run, which :func:`moral` then resumes: in another process, for instance.
+
+    Raises
+    ------
+    ValueError
+        If the run's parts do not fit together.
+    StorageError
+        If something cannot be read or written, or the directory holds a run already.
+    """
+    _require_fitting(run)
+    _require_worlds(run)
+    with directory.hold():
+        _begin(directory, run, setting)
+
+
+def _begin(directory: RunDirectory, run: MoralRun, setting: Setting) -> None:
+    """Copy what the run needs and write its configuration, last."""
+    directory.require_new()
+    for path, copy in zip(run.rewards, _copies(directory, run).values(), strict=True):
+        with atomic_write(copy) as file:
+            file.write((path / _REWARD).read_bytes())
+    directory.write_config({"kind": KIND, **run.to_json(), "setting": setting.to_json()})
+
+
 def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool) -> dict[str, Any]:
     """Train from where the run in the directory stands to its end."""
     primary_seed, moral_seed, teacher_seed = spawn_seeds(run.seed, 3)
     world = run.world.build()
-    teacher = run.teacher.build(world.objective_names, np.random.default_rng(teacher_seed))
+    teacher: Teacher | People
+    if run.teacher.asks_people:
+        teacher = run.teacher.people()
+    else:
+        teacher = run.teacher.build(world.objective_names, np.random.default_rng(teacher_seed))
     normalisers = _primary_normalisers(directory, run, primary_seed, setting)
     components: list[RewardComponent] = [
         PrimaryReward(world.reward_names, name, 1 / normalisers[name]["return"]) for name in run.primary
@@ -286,7 +312,7 @@ def _require_fitting(run: MoralRun) -> None:
     """Raise a ValueError if a run's parts do not fit together."""
     spawn_seeds(run.seed, 1)
     world = run.world.build()
-    run.teacher.build(world.objective_names, np.random.default_rng(0))
+    run.teacher.require_fitting(world.objective_names)
     most = dict(zip(world.reward_names, world.reward_bounds[1], strict=True))
     for name in run.primary:
         PrimaryReward(world.reward_names, name)
@@ -299,6 +325,9 @@ def _require_fitting(run: MoralRun) -> None:
         raise ValueError("rewards is empty; it must name at least one run directory of moral airl")
 
 
-def _require_world(source: Path, found: WorldSpec, wanted: WorldSpec) -> None:
-    if found.build() != wanted.build():
-        raise StorageError(f"{source} was learned in {found.to_json()}; it must be {wanted.to_json()}")
+def _require_worlds(run: MoralRun) -> None:
+    """Raise a StorageError if a reward was learned in another world."""
+    for path in run.rewards:
+        found = load_reward(path / _REWARD).world
+        if found.build() != run.world.build():
+            raise StorageError(f"{path} was learned in {found.to_json()}; it must be {run.world.to_json()}")

@@ -16,7 +16,9 @@ NOTICE = (
 )
 
 
-def session(world: World, names: tuple[str, ...], episodes: list[tuple[Json, Json]], **status: Any) -> StandIn:
+def session(
+    world: World, names: tuple[str, ...], episodes: list[tuple[Json, Json]], **status: Any
+) -> StandIn:
     """A session in which each pair of episodes is an open query, 12 of 25 others being answered."""
     rng = np.random.default_rng(0)
     concentration = np.linspace(3, 9, len(names)) * 1.5
@@ -93,7 +95,9 @@ def four_norms() -> StandIn:
 
 def preparing() -> StandIn:
     """Nothing to ask yet."""
-    stand_in = emergency(phase="preparing", progress=0.3, samples=[], weights=[0.5, 0.5], objectives=[], answers=0)
+    stand_in = emergency(
+        phase="preparing", progress=0.3, samples=[], weights=[0.5, 0.5], objectives=[], answers=0
+    )
     stand_in.state["queue"] = {"open": [], "answered": 0, "queries": 25, "last": None}
     stand_in.state["curves"] = {"env_steps": [], "answers": [], "weights": [], "objectives": []}
     stand_in.latest = None
@@ -142,7 +146,17 @@ def halted() -> StandIn:
 
 def demonstrating(world: World, wanted: int = 3) -> StandIn:
     """A person is to show the norm of saving people."""
-    keys = {"ArrowUp": 0, "ArrowDown": 1, "ArrowLeft": 2, "ArrowRight": 3, " ": 4, "w": 5, "s": 6, "a": 7, "d": 8}
+    keys = {
+        "ArrowUp": 0,
+        "ArrowDown": 1,
+        "ArrowLeft": 2,
+        "ArrowRight": 3,
+        " ": 4,
+        "w": 5,
+        "s": 6,
+        "a": 7,
+        "d": 8,
+    }
     state = {
         "version": 1,
         "mode": "demonstrate",

@@ -39,8 +39,7 @@ def describe_world(world: World) -> Json:
         "horizon": world.horizon,
         "actions": list(ACTION_NAMES),
         "kinds": [{"name": k.name, "pattern": k.pattern, "symbol": k.symbol} for k in world.objects],
-        "fixture": fixture
-        and {"name": fixture.name, "pattern": fixture.pattern, "symbol": fixture.symbol},
+        "fixture": fixture and {"name": fixture.name, "pattern": fixture.pattern, "symbol": fixture.symbol},
         "objectives": list(world.objective_names),
     }
 
@@ -177,6 +176,10 @@ class StandIn:
         Whether a page asked to stop.
     refuse
         Status and code with which the next answer is refused.
+    lose_reply
+        Whether the reply to the next POST is lost on its way, after it was carried out.
+    foreign
+        Whether the page's token is that of another session.
     down
         Whether connections are refused, as while a server restarts.
     """
@@ -190,6 +193,7 @@ class StandIn:
         self.keys: set[str] = set()
         self.stopped = False
         self.refuse: tuple[int, str] | None = None
+        self.lose_reply = False
         self.foreign = False
         self.down = False
         self.latest: Json | None = None
@@ -356,8 +360,14 @@ def serving(stand_in: StandIn) -> Iterator[str]:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
             if stand_in.down:
                 self.close_connection = True
+                return
+            reply = stand_in.post(self.path, body)
+            if stand_in.lose_reply:
+                stand_in.lose_reply = False
+                self.close_connection = True
+                stand_in.hang_up(down=False)
             else:
-                self._reply(*stand_in.post(self.path, body))
+                self._reply(*reply)
 
         def _file(self, name: str) -> None:
             content = (_STATIC / name).read_bytes()

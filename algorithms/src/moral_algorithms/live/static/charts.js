@@ -11,6 +11,9 @@ function svg(tag, attributes, ...children) {
   return element;
 }
 
+/** Width of a chart of the posterior, in its own units, and its least height. */
+const [WIDTH, LEAST] = [320, 150];
+
 const line = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
 const percent = (part) => `${Math.round(100 * part)} %`;
 const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
@@ -32,15 +35,16 @@ function quantile(sorted, part) {
 export function drawPosterior(box, names, samples, weights) {
   const draw = names.length === 2 ? density : names.length === 3 ? triangle : intervals;
   const words = names.map((name, i) => `${plain(name)} ${percent(weights[i])}`).join(", ");
-  box.replaceChildren(draw(names, samples, weights));
+  const height = Math.max(LEAST, (WIDTH * box.clientHeight) / Math.max(box.clientWidth, 1));
+  box.replaceChildren(draw(names, samples, weights, height));
   box.setAttribute("role", "img");
   box.setAttribute("aria-label", `Weights that fit your answers, on average: ${words}.`);
 }
 
-function density(names, samples, weights) {
-  const [width, height, foot] = [320, 172, 34];
+function density(names, samples, weights, height) {
+  const width = WIDTH;
   const top = 8;
-  const floor = height - foot;
+  const floor = height - 34;
   const shares = samples.map((sample) => sample[1]);
   const spread = Math.sqrt(mean(shares.map((share) => (share - mean(shares)) ** 2)));
   const bandwidth = Math.max(0.012, spread * (4 / (3 * shares.length)) ** 0.2);
@@ -70,13 +74,14 @@ function density(names, samples, weights) {
   );
 }
 
-function triangle(names, samples, weights) {
-  const [width, height] = [320, 204];
-  const side = 192;
+function triangle(names, samples, weights, height) {
+  const width = WIDTH;
+  const floor = height - 26;
+  const side = Math.min(width - 90, (floor - 12) / Math.sqrt(0.75));
   const corners = [
-    [width / 2 - side / 2, 178],
-    [width / 2 + side / 2, 178],
-    [width / 2, 178 - side * Math.sqrt(0.75)],
+    [width / 2 - side / 2, floor],
+    [width / 2 + side / 2, floor],
+    [width / 2, floor - side * Math.sqrt(0.75)],
   ];
   const place = (parts) => [0, 1].map((axis) => parts.reduce((sum, part, i) => sum + part * corners[i][axis], 0));
   const grid = [0.25, 0.5, 0.75].flatMap((part) =>
@@ -104,27 +109,28 @@ function triangle(names, samples, weights) {
     svg("path", { class: "pin", d: `M${x} ${y - 7}l7 7l-7 7l-7 -7z` }),
     label(corners[0][0] - 40, height - 8, text(0), "start"),
     label(corners[1][0] + 40, height - 8, text(1), "end"),
-    label(width / 2 + 12, 20, text(2), "start"),
+    label(width / 2 + 12, corners[2][1] + 8, text(2), "start"),
   );
 }
 
-function intervals(names, samples, weights) {
-  const [width, row, left, right] = [320, 38, 104, 272];
+function intervals(names, samples, weights, height) {
+  const [width, left, right] = [WIDTH, 104, 272];
+  const row = height / names.length;
   const most = Math.max(0.05, ...samples.map((sample) => Math.max(...sample)));
   const at = (share) => left + ((right - left) * share) / most;
   return svg(
     "svg",
-    { viewBox: `0 0 ${width} ${row * names.length + 4}`, class: "intervals", "aria-hidden": "true" },
+    { viewBox: `0 0 ${width} ${height}`, class: "intervals", "aria-hidden": "true" },
     ...names.flatMap((name, i) => {
       const sorted = samples.map((sample) => sample[i]).sort((one, other) => one - other);
       const [low, lower, upper, high] = [0.05, 0.25, 0.75, 0.95].map((part) => at(quantile(sorted, part)));
-      const y = row * (i + 0.5) + 2;
+      const y = row * (i + 0.5);
       return [
         label(left - 10, y + 4, plain(name), "end"),
         svg("path", { class: "grid", d: `M${left} ${y}H${right}` }),
         svg("path", { class: "span", d: `M${low} ${y}H${high}` }),
         svg("path", { class: "middle", d: `M${lower} ${y}H${upper}` }),
-        svg("path", { class: "pin", d: `M${at(weights[i])} ${y - 7}l7 7l-7 7l-7 -7z` }),
+        svg("path", { class: "pin", d: `M${at(weights[i])} ${y - 6}l6 6l-6 6l-6 -6z` }),
         label(width, y + 4, percent(weights[i]), "end"),
       ];
     }),
@@ -143,7 +149,7 @@ function label(x, y, text, anchor) {
  * @param {{env_steps: number[], answers: number[], objectives: number[][]}} curves
  */
 export function drawCurves(box, names, curves) {
-  const [width, height] = [180, names.length > 2 ? 30 : 64];
+  const [width, height] = [136, names.length > 2 ? 26 : 66];
   const last = Math.max(1, curves.env_steps.at(-1) ?? 1);
   const x = (steps) => (width * steps) / last;
   // A curve has no value before the first episode has ended.

@@ -78,8 +78,7 @@ export class Compare {
     $("#go-on").addEventListener("click", () => this.goOn());
     $("#message-action").addEventListener("click", () => this.act());
     $("#scrub").addEventListener("input", (event) => {
-      this.player.pause();
-      this.player.seek(Number(event.target.value));
+      this.player.jump(Number(event.target.value));
     });
   }
 
@@ -117,8 +116,8 @@ export class Compare {
       if (!event.repeat) this.undo();
     } else if (key === ",") this.player.step(-1);
     else if (key === ".") this.player.step(1);
-    else if (key === "Home" && !scrubbing) this.#jump(0);
-    else if (key === "End" && !scrubbing) this.#jump(this.player.steps);
+    else if (key === "Home" && !scrubbing) this.player.jump(0);
+    else if (key === "End" && !scrubbing) this.player.jump(this.player.steps);
     else if (key === "s") this.#nextSpeed();
     else if (key === "c") this.#toggleCounts();
     else if (key === "f" && !$("#offer").hidden) this.stop();
@@ -206,7 +205,7 @@ export class Compare {
     try {
       await request("api/stop", {});
       this.question = null;
-      this.stopped = true;
+      this.state.queue = { ...this.state.queue, stopping: true };
     } catch (error) {
       this.notice = error.message;
     }
@@ -238,7 +237,7 @@ export class Compare {
       await this.#send();
       return;
     }
-    if (this.question || this.stopped || (state.consent && !state.consent.given)) return;
+    if (this.question || state.queue.stopping || (state.consent && !state.consent.given)) return;
     if (["closing", "finished"].includes(state.status?.phase)) return;
     const [next] = state.queue.open;
     if (!next) return;
@@ -356,11 +355,6 @@ export class Compare {
     $("#speed").setAttribute("aria-label", `Speed: ${speed} times`);
   }
 
-  #jump(moment) {
-    this.player.pause();
-    this.player.seek(moment);
-  }
-
   #stateName() {
     const { state } = this;
     if (state?.ended) return "ended";
@@ -372,7 +366,7 @@ export class Compare {
     if (this.acknowledged) return "answered";
     if (this.sent) return "sending";
     if (this.question) return "question";
-    if (state.status?.phase === "closing" || this.stopped) return "closing";
+    if (state.status?.phase === "closing" || state.queue?.stopping) return "closing";
     return state.status?.phase === "training" || state.status?.phase === "resting" ? "waiting" : "preparing";
   }
 
@@ -412,7 +406,7 @@ export class Compare {
       case "connecting":
         return { title: "Connecting", detail: "One moment, please.", busy: true };
       case "disconnected":
-        return { title: "The connection is lost", detail: "Your answers are safe. This page reconnects by itself.", busy: true };
+        return this.question ? null : { title: "The connection is lost", detail: "Your answers are safe. This page reconnects by itself.", busy: true };
       case "ended":
         return { title: "This session has ended", detail: "To go on, open the link that the new session printed." };
       case "consent":

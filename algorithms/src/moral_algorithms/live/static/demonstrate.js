@@ -4,13 +4,18 @@ import { Refusal, request } from "./connection.js";
 import { readEpisode, readThing } from "./episode.js";
 import { drawBeads } from "./panel.js";
 import { Player } from "./player.js";
-import { Stage, direction } from "./stage.js";
+import { Stage } from "./stage.js";
 import { drawLanes, moveHead } from "./timeline.js";
 
 /** Milliseconds that a step takes on the screen. */
 const STEP_TIME = 110;
 /** Keys that are remembered while a step is under way. */
 const AHEAD = 2;
+
+/** Milliseconds until a step that did not reach the server is sent again. */
+const RETRY = 300;
+
+const sleep = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
 
 const ARROWS = { up: "↑", down: "↓", left: "←", right: "→" };
 
@@ -40,8 +45,7 @@ export class Demonstrate {
     $("#left figcaption").replaceChildren(document.createElement("output"));
     $("#play").addEventListener("click", () => this.player.toggle());
     $("#scrub").addEventListener("input", (event) => {
-      this.player.pause();
-      this.player.seek(Number(event.target.value));
+      this.player.jump(Number(event.target.value));
     });
     $("#keep").addEventListener("click", () => this.keep());
     $("#discard").addEventListener("click", () => this.discard());
@@ -82,8 +86,8 @@ export class Demonstrate {
       if (key === "k") this.keep();
       else if (key === "x") this.discard();
       else if (key === " " && !onButton) this.player.toggle();
-      else if (key === "Home" && !scrubbing) this.player.seek(0);
-      else if (key === "End" && !scrubbing) this.player.seek(this.player.steps);
+      else if (key === "Home" && !scrubbing) this.player.jump(0);
+      else if (key === "End" && !scrubbing) this.player.jump(this.player.steps);
       else return false;
       return true;
     }
@@ -118,19 +122,25 @@ export class Demonstrate {
     } finally {
       this.ahead = [];
       this.busy = false;
-      this.#render();
     }
+    await this.#resume();
+    this.#render();
   }
 
   async #advance(action) {
     const before = this.play;
-    try {
-      this.play = await request(`api/plays/${before.play}/step`, { action, step: before.step });
-    } catch (error) {
-      if (error.code !== "step") throw error;
-      // Sent twice, for the first reply was lost: the server's word stands.
-      this.play = error.more.play;
+    let play = null;
+    while (!play) {
+      try {
+        play = await request(`api/plays/${before.play}/step`, { action, step: before.step });
+      } catch (error) {
+        // The reply to the first try was lost: the step was taken, and the server says where it led.
+        if (error.code === "step") play = error.more.play;
+        else if (error instanceof Refusal) throw error;
+        else await sleep(RETRY);
+      }
     }
+    this.play = play;
     this.#extend(action);
     await this.#animate();
     this.#render();
@@ -169,6 +179,7 @@ export class Demonstrate {
       }
     }
     stage.seek(to);
+    this.#showStep(to, this.play.horizon);
   }
 
   async #begin() {
@@ -185,6 +196,8 @@ export class Demonstrate {
       things: play.things.map((thing) => readThing(thing, world)),
     };
     this.stage.show(this.shown);
+    drawLanes($("#lanes"), [this.shown]);
+    this.#showStep(0, play.horizon);
   }
 
   async #review() {
@@ -193,7 +206,6 @@ export class Demonstrate {
     this.reviewing = true;
     this.stage.smooth = !this.still.matches;
     this.stage.show(episode);
-    $("#scrub").max = episode.steps;
     drawLanes($("#lanes"), [episode]);
     this.player.load(episode.steps, { autoplay: false });
     this.player.seek(episode.steps);
@@ -308,14 +320,20 @@ export class Demonstrate {
     if (!this.reviewing) return;
     const { player } = this;
     this.stage.seek(moment);
-    moveHead($("#lanes"), moment, player.steps);
-    const scrub = $("#scrub");
-    scrub.value = moment;
-    scrub.setAttribute("aria-valuetext", `step ${Math.floor(moment)} of ${player.steps}`);
-    $("#step").textContent = `${Math.floor(moment + 1e-9)} / ${player.steps}`;
+    this.#showStep(moment, player.steps);
     const mode = player.playing ? "pause" : moment >= player.steps ? "again" : "play";
     $("#play").dataset.mode = mode;
     $("#play").setAttribute("aria-label", { pause: "Pause", again: "Play again", play: "Play" }[mode]);
+  }
+
+  #showStep(moment, steps) {
+    const step = Math.floor(moment + 1e-9);
+    moveHead($("#lanes"), moment, steps);
+    const scrub = $("#scrub");
+    scrub.max = steps;
+    scrub.value = moment;
+    scrub.setAttribute("aria-valuetext", `step ${step} of ${steps}`);
+    $("#step").textContent = `${step} / ${steps}`;
   }
 
   #stateName() {
@@ -338,16 +356,16 @@ export class Demonstrate {
     $("#question").textContent = name === "review" ? "Keep this episode?" : "Show how it is done";
     $("#instructions").textContent = instruction;
     $("#notice").textContent = name === "disconnected" ? "The connection is lost. This page reconnects by itself." : this.notice;
-    $("#left figcaption output").textContent = play ? `Step ${play.step} of ${play.horizon}` : "";
+    const left = play ? play.horizon - play.step : 0;
+    $("#left figcaption output").textContent = left > 0 ? `${left} ${left === 1 ? "step" : "steps"} left` : "The end";
     $("#kept").textContent = kept;
     $("#wanted").textContent = ` of ${wanted}`;
     drawBeads($("#kept-beads"), kept, wanted);
     for (const button of document.querySelectorAll("#pads button")) button.disabled = name !== "playing";
     const verdict = name === "review";
-    $("#keep").disabled = $("#discard").disabled = !verdict;
+    for (const control of ["#keep", "#discard", "#play", "#scrub"]) $(control).disabled = !verdict;
     $("#restart").disabled = name !== "playing" || play.step === 0;
     if (play && name === "playing") {
-      const left = play.horizon - play.step;
       $("#left canvas").setAttribute("aria-label", `The room. You are in row ${play.agent[0]}, column ${play.agent[1]}; ${left} steps are left.`);
     }
     this.page.message(this.#message(name));

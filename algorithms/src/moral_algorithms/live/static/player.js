@@ -45,17 +45,19 @@ export class Player {
       this.onMoment(this.moment);
       if (this.playing) requestAnimationFrame(frame);
     };
+    this.onMoment(this.moment);
     requestAnimationFrame(frame);
   }
 
   pause() {
+    if (!this.playing) return;
     this.playing = false;
+    this.onMoment(this.moment);
   }
 
   toggle() {
     if (this.playing) this.pause();
     else this.play();
-    this.onMoment(this.moment);
   }
 
   /** Show a moment. */
@@ -64,10 +66,15 @@ export class Player {
     this.onMoment(this.moment);
   }
 
+  /** Stop and show a moment. */
+  jump(moment) {
+    this.pause();
+    this.seek(moment);
+  }
+
   /** Stop and go so many steps on, or back. */
   step(count) {
-    this.pause();
-    this.seek(count > 0 ? Math.floor(this.moment + 1e-9) + count : Math.ceil(this.moment - 1e-9) + count);
+    this.jump(count > 0 ? Math.floor(this.moment + 1e-9) + count : Math.ceil(this.moment - 1e-9) + count);
   }
 
   /** Take the next speed. */

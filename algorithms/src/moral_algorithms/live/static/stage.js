@@ -20,7 +20,7 @@ const LAYOUTS = {
 const ease = (x) => x * x * (3 - 2 * x);
 
 /** The way an action points, as [rows, columns]; null for waiting. */
-export function direction(action) {
+function direction(action) {
   if (action < 4) return MOVES[action];
   return action >= FIRST_REACH ? MOVES[action - FIRST_REACH] : null;
 }
@@ -147,31 +147,27 @@ export class Stage {
   #drawPath(ctx) {
     const { episode } = this;
     const colour = getComputedStyle(this.canvas).getPropertyValue(this.path.colour);
-    const points = pathPoints(episode);
+    const moves = movesOf(episode);
     const last = this.#progress()[0];
     ctx.save();
     ctx.strokeStyle = ctx.fillStyle = colour;
     ctx.lineJoin = ctx.lineCap = "round";
-    for (const [steps, alpha, width] of [[episode.cells.length - 1, 0.28, 0.07], [last, 1, 0.09]]) {
+    for (const [steps, alpha, width] of [[Infinity, 0.28, 0.07], [last, 1, 0.09]]) {
       ctx.globalAlpha = alpha;
       ctx.lineWidth = width;
       ctx.setLineDash(this.path.dashed ? [0.16, 0.17] : []);
       ctx.beginPath();
-      const here = Math.min(steps, points.length - 1);
-      for (let step = 0; step <= here; step += 1) {
-        let [row, column] = points[step];
-        if (steps === last && step === here && here > 0) {
-          const part = this.#progress()[1];
-          row = points[step - 1][0] + (row - points[step - 1][0]) * part;
-          column = points[step - 1][1] + (column - points[step - 1][1]) * part;
-        }
-        ctx.lineTo(column + 0.5, row + 0.5);
+      for (const { step, from, to } of moves) {
+        if (step > steps) break;
+        const part = steps === last && step === last ? this.#progress()[1] : 1;
+        ctx.lineTo(from[1] + 0.5, from[0] + 0.5);
+        ctx.lineTo(from[1] + (to[1] - from[1]) * part + 0.5, from[0] + (to[0] - from[0]) * part + 0.5);
       }
       ctx.stroke();
     }
     ctx.restore();
     // Where it began: a hollow ring, which no thing of the worlds is.
-    const [row, column] = points[0];
+    const [row, column] = episode.cells[0];
     ctx.save();
     ctx.strokeStyle = colour;
     ctx.lineWidth = 0.06;
@@ -277,24 +273,28 @@ function between(cells, step, part) {
   return [fromRow + (row - fromRow) * part, fromColumn + (column - fromColumn) * part];
 }
 
-/** Points of a path: its cells, moved aside a little more each time that the path comes by again. */
-function pathPoints(episode) {
-  if (!points.has(episode)) {
-    const visits = new Map();
-    let before = null;
-    points.set(
-      episode,
-      episode.cells.map(([row, column]) => {
-        const key = `${row} ${column}`;
-        if (key !== before) visits.set(key, (visits.get(key) ?? -1) + 1);
-        before = key;
-        const aside = ASIDE[visits.get(key) % ASIDE.length];
-        return [row + aside[0], column + aside[1]];
-      }),
-    );
+/** The moves of an episode, each beside the earlier ones between the same two cells. */
+function movesOf({ cells }) {
+  const passed = new Map();
+  const moves = [];
+  if (known.get(cells)?.length === cells.length) return known.get(cells).moves;
+  known.set(cells, { length: cells.length, moves });
+  for (let step = 1; step < cells.length; step += 1) {
+    const [from, to] = [cells[step - 1], cells[step]];
+    if (from[0] === to[0] && from[1] === to[1]) continue;
+    const key = [from, to].map(String).sort().join(" ");
+    const times = passed.get(key) ?? 0;
+    passed.set(key, times + 1);
+    const aside = LANES[times % LANES.length];
+    const offset = from[0] === to[0] ? [aside, 0] : [0, aside];
+    const shift = (cell) => [cell[0] + offset[0], cell[1] + offset[1]];
+    moves.push({ step, from: shift(from), to: shift(to) });
   }
-  return points.get(episode);
+  return moves;
 }
 
-const ASIDE = [[0, 0], [0.14, 0.14], [-0.14, -0.14], [0.14, -0.14], [-0.14, 0.14], [0.26, 0], [-0.26, 0], [0, 0.26], [0, -0.26]];
-const points = new WeakMap();
+/** How far aside the first, second, ... move between two cells is drawn. */
+const LANES = [0, 0.15, -0.15, 0.28, -0.28];
+
+/** Moves that were found before; a played episode grows. */
+const known = new WeakMap();

@@ -124,7 +124,7 @@ def make_app(
         with suppress(asyncio.CancelledError):
             await watching
 
-    return Starlette(
+    app = Starlette(
         routes=routes,
         middleware=[Middleware(Guard, token=token, cookie=f"moral_{port}", hosts=hosts)],
         exception_handlers={
@@ -134,6 +134,9 @@ def make_app(
         },
         lifespan=lifespan,
     )
+    # A path with a slash too many is another path, and unknown.
+    app.router.redirect_slashes = False
+    return app
 
 
 class Guard:

@@ -28,6 +28,7 @@ COMMANDS = {
     "airl": "learn a reward network from demonstrations",
     "train": "MORAL: train under weights that are learned from pairwise preferences",
     "live": "MORAL with you as the teacher, who answers on a web page",
+    "replay": "measure how consistent answers are, and train again from them alone",
     "drlhp": "the baseline: train under a reward that is learned from pairwise preferences alone",
     "evaluate": "measure a policy, in Emergency beside the exact optimum",
     "watch": "play an episode of a policy into a GIF or an MP4",

@@ -40,6 +40,7 @@ from moral_algorithms.learners.ppo import (
     ppo_state,
 )
 from moral_algorithms.learners.query_queue import People, QueryQueue
+from moral_algorithms.learners.recorded import RecordedAnswers, RecordedAsker, vector_returns
 from moral_algorithms.preferences import (
     ACQUISITIONS,
     SAMPLERS,
@@ -143,7 +144,7 @@ class AlignedAgent(NamedTuple):
 def train_moral(
     world: WorldSpec,
     components: Sequence[RewardComponent],
-    teacher: Teacher | People,
+    teacher: Teacher | People | RecordedAnswers,
     config: MoralConfig,
     seed: int,
     directory: RunDirectory,
@@ -162,7 +163,8 @@ def train_moral(
         The reward vector, normalised so that the return of a policy that pursues one component alone is about
         one.
     teacher
-        Answers the queries; if it is people, training goes on for as long as they take.
+        Answers the queries; if it is people, training goes on for as long as they take. Recorded answers are
+        used instead of any question.
     config
         How it trains and asks.
     seed
@@ -201,6 +203,10 @@ def train_moral(
     if isinstance(teacher, People):
         pace = Pace(config.steps, config.queries, config.query_span)
         asker = queue = QueryQueue(teacher, chooser, posterior, pace, directory)
+    elif isinstance(teacher, RecordedAnswers):
+        replays = [replay for answer in teacher.answers for replay in answer.asked.episodes]
+        returns = vector_returns(built, components, replays).reshape(-1, 2, len(components))
+        asker = RecordedAsker(teacher, returns, posterior, config.query_span * config.steps)
     else:
         span = config.query_span * config.steps
         asker = TeacherAsker(teacher, chooser, posterior, span, config.queries, directory.queries)

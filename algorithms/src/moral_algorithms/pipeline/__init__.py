@@ -8,9 +8,11 @@ measures a policy beside the exact optimum. Each leaves its results in files, fr
 from moral_algorithms.pipeline.alignment import (
     MoralRun,
     begin_moral,
+    begin_replay,
     moral,
     normaliser_config,
     read_moral_run,
+    reward_vector,
     world_of_rewards,
 )
 from moral_algorithms.pipeline.baseline import DRLHPRun, drlhp, drlhp_preset, read_drlhp_run
@@ -29,6 +31,7 @@ __all__ = [
     "TeacherConfig",
     "airl",
     "begin_moral",
+    "begin_replay",
     "changes_since_start",
     "demonstrate",
     "drlhp",
@@ -42,6 +45,7 @@ __all__ = [
     "read_drlhp_run",
     "read_moral_run",
     "read_setting",
+    "reward_vector",
     "spawn_seeds",
     "world_of_rewards",
 ]

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from moral_algorithms.answers import Answer, read_answers
 from moral_algorithms.bridge import LearnedReward, PrimaryReward, RewardComponent
 from moral_algorithms.evaluation import play_episodes
 from moral_algorithms.learners.expert import ExpertConfig, train_expert
 from moral_algorithms.learners.moral import MoralConfig, train_moral
 from moral_algorithms.learners.ppo import PPOConfig, sampling_seed
 from moral_algorithms.learners.query_queue import People
+from moral_algorithms.learners.recorded import RecordedAnswers
 from moral_algorithms.networks.files import load_reward, save_policy
 from moral_algorithms.pipeline.resuming import read_resumable, resumable
 from moral_algorithms.pipeline.stage import Setting, StageClock, name_values, require_normaliser
-from moral_algorithms.pipeline.teaching import TeacherConfig
+from moral_algorithms.pipeline.teaching import RECORDED, TeacherConfig
 from moral_algorithms.preferences import Teacher
-from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.run_directory import RunDirectory, read_lines, write_lines
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
@@ -29,6 +32,8 @@ KIND = "train"
 
 _NORMALISER_EPISODES = 200
 _REWARD = "reward.safetensors"
+_NORMALISERS = "normalisers.json"
+_RECORDED = "recorded.jsonl"
 
 
 def normaliser_config() -> ExpertConfig:
@@ -154,7 +159,7 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
         _require_worlds(run)
     with directory.hold():
         if not resume:
-            _begin(directory, run, setting)
+            _begin(directory, run, setting, [path / _REWARD for path in run.rewards])
         else:
             directory.require_config({"kind": KIND, **run.to_json()})
             if directory.summary.exists():
@@ -177,15 +182,63 @@ def begin_moral(directory: RunDirectory, run: MoralRun, setting: Setting) -> Non
     _require_fitting(run)
     _require_worlds(run)
     with directory.hold():
-        _begin(directory, run, setting)
+        _begin(directory, run, setting, [path / _REWARD for path in run.rewards])
 
 
-def _begin(directory: RunDirectory, run: MoralRun, setting: Setting) -> None:
-    """Copy what the run needs and write its configuration, last."""
+def begin_replay(
+    directory: RunDirectory, source: RunDirectory, answers: Sequence[Answer], setting: Setting, seed: int
+) -> MoralRun:
+    """Prepare a directory for training once more from recorded answers, which :func:`moral` then resumes.
+
+    Parameters
+    ----------
+    directory
+        Where the new run goes.
+    source
+        The run whose world, rewards and settings it takes.
+    answers
+        The answers, in the order in which they are used.
+    setting
+        How it is run.
+    seed
+        Entropy of all of it.
+
+    Raises
+    ------
+    ValueError
+        If there is no answer, or one is about an episode of another world.
+    StorageError
+        If something cannot be read or written, or the directory holds a run already.
+    """
+    before = read_moral_run(source)
+    if not answers:
+        raise ValueError("answers are none; there must be at least one to learn from")
+    run = replace(
+        before,
+        teacher=TeacherConfig(teacher=RECORDED),
+        seed=seed,
+        config=replace(before.config, queries=len(answers)),
+    )
+    _require_fitting(run)
+    numbered = [
+        replace(answer, asked=replace(answer.asked, number=number, repeats=None), key=None)
+        for number, answer in enumerate(answers)
+    ]
+    with directory.hold():
+        directory.require_new()
+        write_lines(directory.path / _RECORDED, (answer.to_json() for answer in numbered))
+        with atomic_write(directory.path / _NORMALISERS) as file:
+            file.write((source.path / _NORMALISERS).read_bytes())
+        _begin(directory, run, setting, list(_copies(source, before).values()))
+    return run
+
+
+def _begin(directory: RunDirectory, run: MoralRun, setting: Setting, rewards: Sequence[Path]) -> None:
+    """Copy the reward networks and write the configuration, last."""
     directory.require_new()
-    for path, copy in zip(run.rewards, _copies(directory, run).values(), strict=True):
+    for path, copy in zip(rewards, _copies(directory, run).values(), strict=True):
         with atomic_write(copy) as file:
-            file.write((path / _REWARD).read_bytes())
+            file.write(path.read_bytes())
     directory.write_config({"kind": KIND, **run.to_json(), "setting": setting.to_json()})
 
 
@@ -193,19 +246,15 @@ def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: boo
     """Train from where the run in the directory stands to its end."""
     primary_seed, moral_seed, teacher_seed = spawn_seeds(run.seed, 3)
     world = run.world.build()
-    teacher: Teacher | People
+    teacher: Teacher | People | RecordedAnswers
     if run.teacher.asks_people:
         teacher = run.teacher.people()
+    elif run.teacher.teacher == RECORDED:
+        teacher = RecordedAnswers(tuple(read_answers(directory.path / _RECORDED).informative))
     else:
         teacher = run.teacher.build(world.objective_names, np.random.default_rng(teacher_seed))
     normalisers = _primary_normalisers(directory, run, primary_seed, setting)
-    components: list[RewardComponent] = [
-        PrimaryReward(world.reward_names, name, 1 / normalisers[name]["return"]) for name in run.primary
-    ]
-    for name, copy in _copies(directory, run).items():
-        network, normaliser, _ = load_reward(copy, setting.device)
-        components.append(LearnedReward(name, network, 1 / normaliser))
-
+    components = _reward_vector(directory, run, normalisers, setting.device)
     clock = StageClock()
     with setting.stage("moral") as on_progress:
         agent = train_moral(
@@ -238,6 +287,34 @@ def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: boo
     }
     write_json(directory.summary, summary)
     return summary
+
+
+def reward_vector(directory: RunDirectory, device: str = "cpu") -> list[RewardComponent]:
+    """Load the reward vector of a run whose normalisers are known.
+
+    Raises
+    ------
+    StorageError
+        If something is missing or damaged.
+    """
+    run = read_moral_run(directory)
+    normalisers = _read_normalisers(directory.path / _NORMALISERS)
+    if not set(run.primary) <= normalisers.keys():
+        raise StorageError(f"the run in {directory.path} has not got as far as its normalisers")
+    return _reward_vector(directory, run, normalisers, device)
+
+
+def _reward_vector(
+    directory: RunDirectory, run: MoralRun, normalisers: dict[str, dict[str, Any]], device: str
+) -> list[RewardComponent]:
+    world = run.world.build()
+    components: list[RewardComponent] = [
+        PrimaryReward(world.reward_names, name, 1 / normalisers[name]["return"]) for name in run.primary
+    ]
+    for name, copy in _copies(directory, run).items():
+        network, normaliser, _ = load_reward(copy, device)
+        components.append(LearnedReward(name, network, 1 / normaliser))
+    return components
 
 
 def _read_metrics(path: Path) -> list[dict[str, Any]]:
@@ -276,7 +353,7 @@ def _primary_normalisers(
     directory: RunDirectory, run: MoralRun, seed: int, setting: Setting
 ) -> dict[str, dict[str, Any]]:
     """Find what a policy that pursues one primary component alone earns (eq. 5.2), once per run."""
-    path = directory.path / "normalisers.json"
+    path = directory.path / _NORMALISERS
     found = _read_normalisers(path)
     world = run.world.build()
     for name, component_seed in zip(run.primary, spawn_seeds(seed, len(run.primary)), strict=True):
@@ -326,7 +403,9 @@ def _require_fitting(run: MoralRun) -> None:
 
 
 def _require_worlds(run: MoralRun) -> None:
-    """Raise a StorageError if a reward was learned in another world."""
+    """Raise an error if a run cannot be started, or a reward was learned in another world."""
+    if run.teacher.teacher == RECORDED:
+        raise ValueError("teacher is 'recorded', whose answers moral replay takes from other runs")
     for path in run.rewards:
         found = load_reward(path / _REWARD).world
         if found.build() != run.world.build():

@@ -19,6 +19,9 @@ from moral_algorithms.preferences import (
 PEOPLE = ("web", "terminal")
 """Teachers that are people, by where they answer."""
 
+RECORDED = "recorded"
+"""The teacher of a run that learns once more from recorded answers (`moral replay`)."""
+
 
 @dataclass(frozen=True)
 class TeacherConfig:
@@ -45,9 +48,9 @@ class TeacherConfig:
 
     def require_fitting(self, objective_names: tuple[str, ...]) -> None:
         """Raise a ValueError if there is no such teacher, or what is given does not suit it or the world."""
-        if self.asks_people:
+        if self.asks_people or self.teacher == RECORDED:
             if self.noise:
-                raise ValueError(f"noise is {self.noise}; it must be 0 where the teacher is a person")
+                raise ValueError(f"noise is {self.noise}; it must be 0 unless the teacher is simulated")
             self._refuse_others_options()
             People(self.repeat_every)
         else:

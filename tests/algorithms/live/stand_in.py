@@ -104,7 +104,9 @@ class Game:
                 place = thing["cell"]
         for name, before, after in zip(self.world.objective_names, self.counters[-1], row, strict=True):
             if after > before:
-                self.events.append({"step": self.step, "objective": name, "cell": place})
+                stands = self.world.fixture is not None and name == self.world.fixture.on_stand.objective
+                cell = self.cell if stands else place
+                self.events.append({"step": self.step, "objective": name, "cell": cell})
         self.counters.append(row)
 
     def wander(self, wanted: Sequence[str], then_wait: bool = True) -> None:
@@ -122,7 +124,7 @@ class Game:
             if not near.any():
                 self.act(4 if home and then_wait else 0)
             elif not home and np.abs(near).sum() == 1:
-                self.act(5 + int((_MOVES == near).all(axis=1).argmax()))
+                self.act(5 + int((near == _MOVES).all(axis=1).argmax()))
             else:
                 axis = int(np.abs(near).argmax())
                 self.act(2 * axis + int(near[axis] > 0))

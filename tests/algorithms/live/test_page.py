@@ -12,7 +12,7 @@ import pytest
 from moral_envs import delivery_v0, emergency_v0
 from moral_envs.world import World
 from tests.algorithms.live import scenes
-from tests.algorithms.live.browser import LAPTOP, PHONE, chromium
+from tests.algorithms.live.browser import LAPTOP, PHONE, browser_or_skip
 from tests.algorithms.live.stand_in import StandIn, serving
 
 KEYS = {0: "ArrowUp", 1: "ArrowDown", 2: "ArrowLeft", 3: "ArrowRight", 4: " ", 5: "w", 6: "s", 7: "a", 8: "d"}
@@ -24,7 +24,7 @@ _SPOILT = "Failed to load resource"
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with chromium() as running:
+    with browser_or_skip() as running:
         yield running
 
 
@@ -213,6 +213,20 @@ def test_the_lanes_mark_every_event(visit: Callable[..., Any]) -> None:
             assert sorted(marks) == sorted(expected)
 
 
+def test_saving_somebody_from_the_extinguisher_s_cell_is_two_events(visit: Callable[..., Any]) -> None:
+    stand_in = scenes.emergency()
+    left = stand_in.queries[17][0]
+    step = next(event["step"] for event in left["events"]) + 1
+    neighbour = [left["fixture"][0] - 1, left["fixture"][1]]
+    left["things"].append({"kind": "people", "cell": neighbour, "gone": step})
+    left["events"].append({"step": step, "objective": "people_saved", "cell": neighbour})
+    with opened(visit, stand_in, "question") as page:
+        marks = page.eval_on_selector_all(
+            ".lane.left .mark", "marks => marks.map(({dataset}) => [dataset.objective, dataset.from])"
+        )
+        assert sorted(marks) == [["goal_time", str(step - 1)], ["people_saved", str(step)]]
+
+
 def test_time_at_the_extinguisher_is_one_bar(visit: Callable[..., Any]) -> None:
     stand_in = scenes.emergency()
     with opened(visit, stand_in, "question") as page:
@@ -230,7 +244,8 @@ def test_the_canvas_holds_the_picture(visit: Callable[..., Any]) -> None:
         const canvas = document.querySelector("#left canvas");
         const tile = canvas.width / (8 - 2 + 0.9);
         const at = (cell) => Math.round((cell - 0.55 + 0.5) * tile);
-        return [...canvas.getContext("2d").getImageData(at(column), at(row) + Math.round(0.3 * tile), 1, 1).data];
+        const belly = at(row) + Math.round(0.3 * tile);
+        return [...canvas.getContext("2d").getImageData(at(column), belly, 1, 1).data];
     }"""
     with opened(visit, scenes.emergency(), "question") as page:
         page.keyboard.press("Home")
@@ -263,7 +278,7 @@ def test_the_player_plays_pauses_and_changes_speed(visit: Callable[..., Any]) ->
         drawn = page.evaluate(DRAWN)
         assert not drawn["playing"]
         assert drawn["left"]["moment"] == drawn["right"]["moment"]
-        for speed in ("2×", "4×"):
+        for speed in ("2\N{MULTIPLICATION SIGN}", "4\N{MULTIPLICATION SIGN}"):
             page.keyboard.press("s")
             assert page.inner_text("#speed") == speed
         page.keyboard.press("Space")

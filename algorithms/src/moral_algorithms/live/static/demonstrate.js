@@ -155,14 +155,7 @@ export class Demonstrate {
     shown.steps = step;
     const there = new Set(play.things.map(({ kind, cell }) => `${kind} ${cell}`));
     for (const thing of shown.things) {
-      const key = `${thing.kind} ${thing.cells[0]}`;
-      if (thing.gone === null && !there.delete(key)) thing.gone = step;
-    }
-    // What walks is drawn anew, where it is now.
-    for (const { kind, cell } of play.things) {
-      if (!there.has(`${kind} ${cell}`)) continue;
-      const walked = shown.things.find((thing) => thing.kind === kind && thing.gone === step);
-      if (walked) Object.assign(walked, { cells: [cell], gone: null });
+      if (thing.gone === null && !there.has(`${thing.kind} ${thing.cell}`)) thing.gone = step;
     }
   }
 
@@ -309,7 +302,7 @@ export class Demonstrate {
           pad.className = "pad";
           const group = document.createElement("div");
           const title = document.createElement("p");
-          title.textContent = verb === "move" ? "Move (Space: wait)" : "Reach, to act on what is there";
+          title.textContent = verb === "move" ? "Move" : "Reach";
           group.append(title, pad);
           return group;
         }),

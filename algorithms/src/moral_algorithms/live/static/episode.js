@@ -7,7 +7,7 @@ export const plain = (name) => name.replaceAll("_", " ");
  * @typedef {object} Thing
  * @property {string} kind
  * @property {string} pattern How it is drawn.
- * @property {[number, number][]} cells Where it is after each step; a single one if it never moves.
+ * @property {[number, number]} cell Row and column.
  * @property {?number} gone The first step after which it is not there, or null.
  * @property {?string} becomes What is left of it.
  *
@@ -49,27 +49,23 @@ export function readEpisode(raw, world) {
 }
 
 /** Read one thing of an EPISODE or a PLAY. */
-export function readThing({ kind, cell, cells, gone }, world) {
+export function readThing({ kind, cell, gone }, world) {
   const { pattern } = world.kinds.find(({ name }) => name === kind);
   // Nothing but a step onto it makes a vase disappear.
   const becomes = pattern === "vase" ? "shards" : null;
-  return { kind, pattern, cells: cells ?? [cell], gone: gone ?? null, becomes };
+  return { kind, pattern, cell, gone: gone ?? null, becomes };
 }
 
 function readMarks(events, things, fixture) {
   const marks = [];
-  const taken = new Set();
   for (const { step, objective, cell } of events) {
-    const vanished = things.filter((thing) => thing.gone === step && !taken.has(thing));
-    const thing = vanished.find(({ cells }) => same(cells.at(-1), cell)) ?? vanished[0];
-    const onFixture = fixture && same([fixture.row, fixture.column], cell);
-    if (thing && !(onFixture && !vanished.some(({ cells }) => same(cells.at(-1), cell)))) {
-      taken.add(thing);
+    const thing = things.find((other) => other.gone === step && same(other.cell, cell));
+    if (thing) {
       marks.push({ objective, pattern: thing.becomes ?? thing.pattern, from: step, to: step });
       continue;
     }
     const run = marks.findLast((mark) => mark.objective === objective);
-    if (run && run.to === step - 1) run.to = step;
+    if (run?.to === step - 1) run.to = step;
     else marks.push({ objective, pattern: fixture?.pattern ?? "goal", from: step, to: step });
   }
   return marks;

@@ -187,8 +187,8 @@ export class Stage {
       const { pattern, row, column } = episode.fixture;
       things.push({ pattern, row, column, fade: 0 });
     }
-    for (const { pattern, cells, gone, becomes } of episode.things) {
-      const [row, column] = between(cells, step, part);
+    for (const { pattern, cell, gone, becomes } of episode.things) {
+      const [row, column] = cell;
       if (gone === null || step < gone) {
         things.push({ pattern, row, column, fade: 0 });
       } else {
@@ -206,6 +206,13 @@ export class Stage {
   #drawThings(ctx) {
     const things = this.#things();
     const agent = things.find(({ pattern }) => pattern === "agent");
+    // A halo, so that the eye finds the agent among many things.
+    ctx.globalAlpha = 0.2;
+    ctx.fillStyle = getComputedStyle(this.canvas).getPropertyValue(this.path.colour);
+    ctx.beginPath();
+    ctx.arc(agent.column + 0.5, agent.row + 0.5, 0.78, 0, 2 * Math.PI);
+    ctx.fill();
+    ctx.globalAlpha = 1;
     const cellOf = ({ row, column }) => `${Math.round(row)} ${Math.round(column)}`;
     const shared = new Map();
     for (const thing of things) {
@@ -264,14 +271,6 @@ export class Stage {
 }
 
 const distanceToCell = ({ row, column }) => Math.hypot(row - Math.round(row), column - Math.round(column));
-
-function between(cells, step, part) {
-  if (cells.length === 1) return cells[0];
-  const [row, column] = cells[Math.min(step, cells.length - 1)];
-  if (step === 0) return [row, column];
-  const [fromRow, fromColumn] = cells[Math.min(step - 1, cells.length - 1)];
-  return [fromRow + (row - fromRow) * part, fromColumn + (column - fromColumn) * part];
-}
 
 /** The moves of an episode, each beside the earlier ones between the same two cells. */
 function movesOf({ cells }) {

@@ -527,6 +527,19 @@ def test_the_keyboard_reaches_every_control_and_shows_where_it_is(visit: Callabl
         assert controls <= set(reached)
 
 
+def test_the_keyboard_keeps_its_place_from_question_to_question(visit: Callable[..., Any]) -> None:
+    stand_in = scenes.emergency()
+    with opened(visit, stand_in, "question") as page:
+        page.focus("[data-answer=equal]")
+        page.keyboard.press("Enter")
+        wait_for(page, "answered")
+        page.keyboard.press("Enter")
+        wait_for_query(page, 18)
+        page.keyboard.press("Space")
+        wait_for_query(page, 19)
+    assert [(query, body["preference"]) for query, body in stand_in.answers] == [(17, "equal"), (18, "equal")]
+
+
 def test_the_slider_keeps_its_own_arrow_keys(visit: Callable[..., Any]) -> None:
     stand_in = scenes.emergency()
     with opened(visit, stand_in, "question") as page:

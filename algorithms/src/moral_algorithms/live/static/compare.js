@@ -51,6 +51,8 @@ export class Compare {
     this.question = null;
     this.sent = null;
     this.acknowledged = null;
+    this.undone = null;
+    this.checking = null;
     this.busy = false;
     this.notice = "";
     this.offerFrom = 0;
@@ -86,7 +88,7 @@ export class Compare {
   update(state) {
     this.state = state;
     if (state.queue && this.question && !this.sent) this.#checkQuestion();
-    if (state.offline) this.#forgetWhereabouts();
+    if (state.offline) this.checking = null;
     else this.#resume();
     this.#render();
   }
@@ -179,6 +181,7 @@ export class Compare {
     clearTimeout(this.goingOn);
     this.acknowledged = null;
     this.busy = true;
+    // Sent again after a lost reply, an undo keeps its key.
     this.undone ??= { query: last.query, key: drawKey() };
     const { query, key } = this.undone;
     try {
@@ -224,10 +227,6 @@ export class Compare {
   }
 
   // ---- Which question is shown --------------------------------------------------------------------------
-
-  #forgetWhereabouts() {
-    this.checking = null;
-  }
 
   /** Send again what was not acknowledged, or show the next question if there is none. */
   async #resume() {
@@ -377,7 +376,8 @@ export class Compare {
     const open = name === "question";
     const chosen = this.acknowledged ?? this.sent?.preference ?? null;
     for (const button of document.querySelectorAll("[data-answer]")) {
-      button.disabled = !open;
+      // Not disabled: the keyboard's place would be lost.
+      button.setAttribute("aria-disabled", !open);
       button.toggleAttribute("data-chosen", PREFERENCES[button.dataset.answer] === chosen);
     }
     $("#left").toggleAttribute("data-chosen", chosen === "first" || chosen === "equal");
@@ -390,7 +390,6 @@ export class Compare {
       ? "The connection is lost. Your answers are safe; this page reconnects by itself."
       : this.notice;
     $("#notice").textContent = notice;
-    $("#instructions").textContent = state?.instruction ?? "Watch both, then say which outcome you would rather have.";
     const offered = open && state.status?.advice?.enough === true && state.queue.answered >= this.offerFrom;
     if (offered && $("#offer").hidden) this.page.announce("More answers would change little now. You can stop here.");
     $("#offer").hidden = !offered;

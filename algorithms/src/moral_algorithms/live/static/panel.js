@@ -12,6 +12,8 @@ const STEP_TIME = 120;
 const END_TIME = 2_000;
 /** Charts are drawn at most once in so many milliseconds. */
 const DRAW_TIME = 250;
+/** Expected regret that is worth a question where the server names none. */
+const WORTH_ASKING = 0.005;
 
 const $ = (selector) => document.querySelector(selector);
 
@@ -107,7 +109,7 @@ export function drawBeads(box, there, wanted) {
 
 /** Say how much the next answer should teach, against what is worth a question at all. */
 function drawTeaching(box, expected, threshold) {
-  const ratio = expected === null ? 0 : expected / (threshold ?? 0.005);
+  const ratio = expected === null ? 0 : expected / (threshold ?? WORTH_ASKING);
   const words = expected === null ? "–" : ratio >= 8 ? "a lot" : ratio >= 2 ? "something" : "little";
   box.querySelector("output").textContent = words;
   box.querySelector("i").style.width = `${Math.round(100 * Math.min(1, Math.log2(1 + ratio) / 5))}%`;

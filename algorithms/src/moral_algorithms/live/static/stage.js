@@ -207,10 +207,10 @@ export class Stage {
     const things = this.#things();
     const agent = things.find(({ pattern }) => pattern === "agent");
     // A halo, so that the eye finds the agent among many things.
-    ctx.globalAlpha = 0.2;
+    ctx.globalAlpha = 0.16;
     ctx.fillStyle = getComputedStyle(this.canvas).getPropertyValue(this.path.colour);
     ctx.beginPath();
-    ctx.arc(agent.column + 0.5, agent.row + 0.5, 0.78, 0, 2 * Math.PI);
+    ctx.arc(agent.column + 0.5, agent.row + 0.5, 0.7, 0, 2 * Math.PI);
     ctx.fill();
     ctx.globalAlpha = 1;
     const cellOf = ({ row, column }) => `${Math.round(row)} ${Math.round(column)}`;

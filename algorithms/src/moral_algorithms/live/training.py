@@ -72,7 +72,8 @@ def train(run: Path) -> None:
 
 def _end_with_parent() -> None:
     """Interrupt the training when standard input ends, which it does with the process that holds it."""
-    sys.stdin.buffer.read()
+    # Not through sys.stdin, whose lock a thread that waits would still hold when Python ends.
+    os.read(0, 1)
     _thread.interrupt_main()
     threading.Event().wait(_GRACE)
     os._exit(1)

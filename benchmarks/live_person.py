@@ -181,7 +181,7 @@ def answer_all(browser: Any, link: str, queries: int, look: float) -> dict[str, 
     }
 
 
-def judge(left: Sequence[int], right: Sequence[int]) -> str:
+def judge(left: list[int], right: list[int]) -> str:
     """Choose the key: more is better, in the first figure and, on a tie, in the next."""
     if left == right:
         return "ArrowDown"

@@ -23,8 +23,10 @@ from tests.algorithms.live.stand_in import StandIn, serving
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 
-_LAPTOP = {"viewport": {"width": 1280, "height": 720}}
+# Nothing moves by itself, so that every step is shown as it is.
+_LAPTOP = {"viewport": {"width": 1280, "height": 720}, "reduced_motion": "reduce"}
 _PHONE = {
+    **_LAPTOP,
     "viewport": {"width": 390, "height": 844},
     "device_scale_factor": 1.5,
     "is_mobile": True,
@@ -88,6 +90,9 @@ def main() -> None:
                 context = browser.new_context(**device)
                 page = context.new_page()
                 page.goto(address)
+                page.wait_for_function("() => document.body.dataset.state !== 'connecting'")
+                if scene not in (scenes.consent, scenes.waiting, scenes.finished):
+                    page.wait_for_function("() => window.moral.drawn().left !== null")
                 page.wait_for_timeout(_SETTLE)
                 act(page, stand_in)
                 page.wait_for_timeout(_SETTLE // 4)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import uvicorn
 
-from benchmarks.live_person import answer_all, live
+from benchmarks.live_person import answer_all, judge, live
 from moral_algorithms.answers import Answers, read_answers
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.live.frames import start
@@ -135,6 +135,18 @@ def test_three_demonstrations_end_in_the_file(browser: Any, tmp_path: Path) -> N
         wait_for(page, "enough")
     kept = Demonstrations.load(tmp_path / "saving.npz", EMERGENCY)
     assert kept.actions.tolist() == played
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "key"),
+    [
+        ([-1, 20], [-2, 70], "ArrowLeft"),
+        ([0, 30], [0, 40], "ArrowRight"),
+        ([-6, 0], [-6, 0], "ArrowDown"),
+    ],
+)
+def test_the_scripted_person_saves_people_first(left: list[int], right: list[int], key: str) -> None:
+    assert judge(left, right) == key
 
 
 def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:

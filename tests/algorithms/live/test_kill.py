@@ -35,6 +35,9 @@ from tests.algorithms.learners.test_moral import NORMALISERS, config
 from tests.algorithms.live.runs import WORLD
 from tests.algorithms.tiny import EMERGENCY
 
+# An optimiser imports it, slowly; every attempt would do so.
+import torch._dynamo
+
 torch.set_num_threads(1)
 run, acknowledged = Path(sys.argv[1]), Path(sys.argv[2])
 moments = json.loads(sys.argv[3])
@@ -70,7 +73,7 @@ def attempt(moment):
                     file.write(json.dumps([number, "undo", f"undone-{number}"]) + "\\n")
 
     components = [PrimaryReward(WORLD.reward_names, name, 1 / value) for name, value in NORMALISERS.items()]
-    settings = config(steps=1024, queries=8, checkpoint_every=2, candidates=20, samples=20)
+    settings = config(steps=1536, queries=12, checkpoint_every=2, candidates=20, samples=20)
     directory = RunDirectory(run)
     train_moral(EMERGENCY, components, People(), settings, 0, directory, on_progress=person, resume=True)
     (run / "done").touch()
@@ -99,10 +102,10 @@ def test_every_acknowledged_answer_is_there_once_after_kills_at_random_moments(t
     run, acknowledged = tmp_path / "run", tmp_path / "acknowledged"
     acknowledged.touch()
     run.mkdir()
-    config = {"format_version": 1, "kind": "train", "moral": {"queries": 8}}
+    config = {"format_version": 1, "kind": "train", "moral": {"queries": 12}}
     world = {"name": "emergency", "rules": {"height": 5, "width": 5, "num_people": 2, "max_cycles": 8}}
     (run / "config.json").write_text(json.dumps({**config, "world": world}))
-    moments = np.random.default_rng(0).integers(1, 9, size=KILLS).tolist()
+    moments = np.random.default_rng(0).integers(1, 13, size=KILLS).tolist()
     script = [sys.executable, "-c", SCRIPT, str(run), str(acknowledged), json.dumps(moments)]
     done = subprocess.run(script, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -119,11 +122,11 @@ def test_every_acknowledged_answer_is_there_once_after_kills_at_random_moments(t
         assert by_key[key]["query"] == number
         assert by_key[key].get("preference", "undo") == said
     answers = read_answers(run / "queries.jsonl")
-    assert len(answers.informative) == 8
+    assert len(answers.informative) == 12
     assert any(line["record"] == "undo" for line in lines)
 
     # Training has used the answers that stand, went on from where it was, and every query was posted before.
     rollouts = [line["env_steps"] for line in read_lines(run / "metrics.jsonl")]
     assert rollouts == list(range(64, rollouts[-1] + 1, 64))
-    assert read_json(run / "status.json")["answers"] == 8
+    assert read_json(run / "status.json")["answers"] == 12
     assert set(answers.standing) <= set(QueryFolder(run).numbers())

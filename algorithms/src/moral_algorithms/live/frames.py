@@ -56,8 +56,14 @@ def describe_episode(world: World, replay: Replay, counted: bool = True) -> dict
         counters.append(engine.objectives[0, 0].tolist())
     things = _things(world, np.stack(planes))
     taken = {thing["gone"]: thing["cell"] for thing in things if thing["gone"] is not None}
+    # The agent may stand on the fixture and act on its neighbour in one step: two events, in two cells.
+    standing = None if world.fixture is None else world.fixture.on_stand.objective
     events = [
-        {"step": step, "objective": name, "cell": taken.get(step, cells[step])}
+        {
+            "step": step,
+            "objective": name,
+            "cell": cells[step] if name == standing else taken.get(step, cells[step]),
+        }
         for step in range(1, len(counters))
         for name, before, after in zip(world.objective_names, counters[step - 1], counters[step], strict=True)
         if after > before

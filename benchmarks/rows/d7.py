@@ -69,7 +69,7 @@ def judge(results: Results) -> list[Check]:
 
 
 def draw(results: Results) -> Figure:
-    """Draw the training of both, one row of panels for each ratio, MORAL offset by what came before its queries."""
+    """Draw both by environment steps, a row for each ratio; MORAL is offset by what precedes its queries."""
     found = results.of(Asked)
     ratios = list(dict.fromkeys(tuple(run.teacher.ratio.values()) for run, _ in found))
     figure, axes = panels(4, rows=max(len(ratios), 1), width=3.6, height=2.8)

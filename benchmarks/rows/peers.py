@@ -112,6 +112,8 @@ def _learner(group: Sequence[dict[str, Any]]) -> Learner:
 def judge(results: Results) -> list[Check]:
     """Compare final policies and the time they took, wherever both sides have some."""
     here, there = ours(results), theirs()
+    if not there:
+        return []
     checks = [
         Check(f"{name}: imitation's side is measured", "no results; see benchmarks/strangers", False, "ours")
         for name in here.keys() - there.keys()

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from benchmarks.harness import Run, Workspace
-from benchmarks.stages.aligned import Aligned
 from benchmarks.stages.covered import Asked
 from benchmarks.stages.measuring import curve, measure, stage_seed
 from moral_algorithms import pipeline
@@ -27,7 +26,7 @@ class FromPreferences(Run):
     """Which of several."""
     config: DRLHPConfig = field(default_factory=DRLHPConfig)
     """How DRLHP trains and asks."""
-    target: Aligned | Asked | None = None
+    target: Asked | None = None
     """The teacher asks for what this agent achieves (eq. 5.13)."""
     episodes: int = 500
     """Episodes over which the agent is measured."""

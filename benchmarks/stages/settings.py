@@ -21,7 +21,13 @@ from moral_algorithms.learners.drlhp import DRLHPConfig
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig
 from moral_algorithms.learners.ppo import PPOConfig
-from moral_algorithms.pipeline import TeacherConfig, drlhp_preset, normaliser_config
+from moral_algorithms.pipeline import (
+    TeacherConfig,
+    airl_config,
+    drlhp_preset,
+    expert_config,
+    normaliser_config,
+)
 from moral_algorithms.worlds import WorldSpec
 
 EMERGENCY = WorldSpec("emergency")
@@ -81,21 +87,13 @@ def single_loop(profile: Profile) -> AIRLConfig:
 
 def helper_or_cleaner(profile: Profile, weights: tuple[float, ...], seed: int) -> TrainedExpert:
     """One of Delivery's experts."""
-    # Trained to the end: patience would end it where help is learned and vases are not.
-    config = ExpertConfig(
-        max_steps=1_000_000, patience=1000, ppo=PPOConfig(entropy_start=0.03, entropy_end=0.05)
-    )
-    return TrainedExpert(DELIVERY, weights, seed, _expert(config, profile), episodes(profile))
+    config = _expert(expert_config(DELIVERY.name), profile)
+    return TrainedExpert(DELIVERY, weights, seed, config, episodes(profile))
 
 
 def helping_and_cleaning(profile: Profile, seed: int) -> tuple[LearnedNorm, LearnedNorm]:
     """Learn the norms of Delivery's two experts by AIRL."""
-    config = AIRLConfig(
-        steps=1_500_000,
-        architecture="counting",
-        discriminator_weight_decay=1.0,
-        ppo=PPOConfig(entropy_start=0.1, entropy_end=0.02),
-    )
+    config = airl_config(DELIVERY.name)
     if profile == "paper":
         config = replace(config, steps=6_000_000, architecture="conv", ppo=_paper(config.ppo))
     count = 20 if profile == "smoke" else 1000
@@ -109,19 +107,13 @@ def helping_and_cleaning(profile: Profile, seed: int) -> tuple[LearnedNorm, Lear
 
 def primary(profile: Profile, world: WorldSpec, component: str, seed: int) -> PrimaryReturn:
     """Normaliser of a primary component."""
-    return PrimaryReturn(world, component, seed, _expert(normaliser_config(), profile))
+    return PrimaryReturn(world, component, seed, _expert(normaliser_config(world.name), profile))
 
 
 def emergency_moral(profile: Profile, queries: int = 25) -> MoralConfig:
     """MORAL in Emergency."""
     config = replace(MoralConfig(), queries=queries)
     return _moral(config, profile, paper_steps=3_000_000)
-
-
-def delivery_moral(profile: Profile, queries: int = 25) -> MoralConfig:
-    """MORAL in Delivery."""
-    config = replace(MoralConfig(), queries=queries)
-    return _moral(config, profile, paper_steps=8_000_000)
 
 
 def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:
@@ -154,7 +146,7 @@ def drlhp(profile: Profile, world: WorldSpec, queries: int) -> DRLHPConfig:
     """DRLHP in either world."""
     config = replace(drlhp_preset("paper" if profile == "paper" else "fast", world), queries=queries)
     if profile == "smoke":
-        reward = replace(config.reward, members=1)
+        reward = replace(config.reward, members=1, initial_updates=20, updates=2)
         config = replace(config, steps=_SMOKE_STEPS, queries=min(queries, 12), reward=reward, ppo=_SMOKE)
     return config
 

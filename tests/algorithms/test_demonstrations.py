@@ -211,3 +211,15 @@ def test_two_agents_in_a_state_are_refused() -> None:
     states[1, 4, 1, 1:3, 1:3] = 1
     with pytest.raises(ValueError, match="states contain one with 4 agents; each must have one"):
         Demonstrations(EMERGENCY, states, demonstrations.actions, demonstrations.objectives)
+
+
+def test_the_world_alone_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "walks.npz"
+    demonstrations = record()
+    demonstrations.save(path)
+    assert Demonstrations.world_of(path) == demonstrations.world
+    path.write_bytes(b"PK\x03\x04")
+    with pytest.raises(StorageError, match="damaged"):
+        Demonstrations.world_of(path)
+    with pytest.raises(StorageError, match="there is no demonstration file"):
+        Demonstrations.world_of(tmp_path / "none.npz")

@@ -20,8 +20,11 @@ import json
 import struct
 import zipfile
 import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,28 +148,51 @@ class Demonstrations:
         StorageError
             If it is missing, truncated, of another format, version or world, or holds Python objects.
         """
-        try:
-            # NumPy does not close a file that it opened and found damaged.
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                missing = [name for name in _ARRAYS if name not in archive]
-                if missing:
-                    raise StorageError(f"{path} has no array {missing[0]!r}; it is no demonstration file")
-                arrays = {name: archive[name] for name in _ARRAYS}
-            header = json.loads(arrays["header"].tobytes())
-            if not isinstance(header, dict) or header.get("format") != FORMAT:
-                raise StorageError(f"{path} is no demonstration file")
-            if header.get("version") != VERSION:
-                raise StorageError(
-                    f"{path} has version {header.get('version')!r}; this release reads {VERSION}"
-                )
-            found = WorldSpec.from_json(header.get("world"))
+        with _damage_reported(path):
+            found, arrays = _read(path, _ARRAYS)
             demonstrations = cls(found, arrays["states"], arrays["actions"], arrays["objectives"])
-        except StorageError:
-            raise
-        except FileNotFoundError as error:
-            raise StorageError(f"there is no demonstration file {path}") from error
-        except _DAMAGE as error:
-            raise StorageError(f"{path} is damaged or no demonstration file: {first_line(error)}") from error
         if world is not None and found.build() != world.build():
             raise StorageError(f"{path} was demonstrated in {found.to_json()}; it must be {world.to_json()}")
         return demonstrations
+
+    @staticmethod
+    def world_of(path: Path) -> WorldSpec:
+        """Read nothing but the world that a file's demonstrations are of.
+
+        Raises
+        ------
+        StorageError
+            If the file is missing, damaged or no demonstration file.
+        """
+        with _damage_reported(path):
+            world, _ = _read(path, ("header",))
+        return world
+
+
+def _read(path: Path, names: Sequence[str]) -> tuple[WorldSpec, dict[str, NDArray[Any]]]:
+    """Read the world and some arrays of a file; a StorageError if it is of another format or version."""
+    # NumPy does not close a file that it opened and found damaged.
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        missing = [name for name in names if name not in archive]
+        if missing:
+            raise StorageError(f"{path} has no array {missing[0]!r}; it is no demonstration file")
+        arrays = {name: archive[name] for name in names}
+    header = json.loads(arrays["header"].tobytes())
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise StorageError(f"{path} is no demonstration file")
+    if header.get("version") != VERSION:
+        raise StorageError(f"{path} has version {header.get('version')!r}; this release reads {VERSION}")
+    return WorldSpec.from_json(header.get("world")), arrays
+
+
+@contextmanager
+def _damage_reported(path: Path) -> Iterator[None]:
+    """Turn whatever a damaged file leads to into a StorageError of one line."""
+    try:
+        yield
+    except StorageError:
+        raise
+    except FileNotFoundError as error:
+        raise StorageError(f"there is no demonstration file {path}") from error
+    except _DAMAGE as error:
+        raise StorageError(f"{path} is damaged or no demonstration file: {first_line(error)}") from error

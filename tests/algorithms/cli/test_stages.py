@@ -8,13 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from moral_algorithms import pipeline
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.evaluation import play_episodes
 from moral_algorithms.learners.ppo import sampling_seed
 from moral_algorithms.networks.files import load_policy, load_reward
 from moral_algorithms.pipeline import evaluate, spawn_seeds
+from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.worlds import WorldSpec
-from tests.algorithms.cli.commands import AIRL, DEMONSTRATE, EXPERT, RULES, TRAIN, contents, run
+from tests.algorithms.cli.commands import AIRL, DEMONSTRATE, EXPERT, RULES, TRAIN, contents, ppo, run
 from tests.algorithms.cli.conftest import Stages
 
 WORLD = WorldSpec("emergency", {RULES[i]: int(RULES[i + 1]) for i in range(1, len(RULES), 2)})
@@ -155,3 +157,20 @@ def test_delivery_is_evaluated_without_an_optimum(tmp_path: Path, capsys: pytest
     result = json.loads(capsys.readouterr().out)
     assert result["optimum"] is None
     assert result["objectives"].keys() == {"delivered", "helped", "cleaned", "vases_broken"}
+
+
+def test_defaults_are_those_of_the_world(tmp_path: Path) -> None:
+    counts = {"num_deliveries": 2, "num_people": 2, "num_pollution": 2, "num_vases": 2}
+    expert = ("expert", "--world", "delivery", "--weights", "0", "1", "0", "1", "--no-tensorboard")
+    rules = ("--rules", *(word for rule, count in counts.items() for word in (rule, str(count))))
+    short = ("--max-steps", "128", *ppo())
+    assert run(*expert, *rules, *short, "--out", tmp_path / "expert") == 0
+    stored = RunDirectory(tmp_path / "expert").read_config()["expert"]
+    assert stored["patience"] == pipeline.expert_config("delivery").patience
+    assert stored["max_steps"] == 128
+    recorded = tmp_path / "recorded.npz"
+    assert run(*DEMONSTRATE, "--expert", tmp_path / "expert", "--out", recorded) == 0
+    assert run(*AIRL, "--demonstrations", recorded, "--out", tmp_path / "airl") == 0
+    stored = RunDirectory(tmp_path / "airl").read_config()["airl"]
+    assert stored["architecture"] == pipeline.airl_config("delivery").architecture == "counting"
+    assert stored["steps"] == 128

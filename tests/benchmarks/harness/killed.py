@@ -41,7 +41,7 @@ class FromPreferences(stages.FromPreferences):
 
 
 def kill_once(folder: Path) -> None:
-    """Kill this process when it flushes a checkpoint after the second answer, if no process was before."""
+    """Kill this process when it flushes a further checkpoint after the second answer, if none was before."""
     mark = folder.parents[1] / MARK
     if mark.exists():
         return
@@ -50,7 +50,8 @@ def kill_once(folder: Path) -> None:
     def flush_or_die(handle: int) -> None:
         queries = folder / "queries.jsonl"
         answers = queries.read_bytes().count(b"\n") if queries.exists() else 0
-        if answers >= 2 and any(folder.glob(".checkpoint.safetensors.*")):
+        further = (folder / "checkpoint.safetensors").exists()
+        if further and answers >= 2 and any(folder.glob(".checkpoint.safetensors.*")):
             mark.touch()
             os.kill(os.getpid(), signal.SIGKILL)
         flush(handle)

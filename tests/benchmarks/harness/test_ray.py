@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import socket
 import subprocess
 import sys
@@ -11,13 +12,16 @@ import tempfile
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import pytest
 
-from benchmarks.harness import Store
+from benchmarks.harness import Store, executors
 from benchmarks.harness.errors import UsageError
 from benchmarks.harness.executors import RayCluster
+from benchmarks.harness.sweep import Sweep
+from tests.benchmarks.harness.runs import Failing, Square, Total, Written
 
 ROOT = Path(__file__).parents[3]
 needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="Ray has no release for this Python")
@@ -86,6 +90,115 @@ def require_done(found: dict[str, Any]) -> None:
     assert error.endswith("RuntimeError: it was not to be")
     assert found["log"] == f"{error}\n"
     assert not found["held"]
+
+
+class RefusedTask(Exception):
+    """What Ray raises when a task is lost."""
+
+
+class PretendedRay:
+    """Ray as far as it is used, in this process: what goes to a task and comes back is pickled."""
+
+    exceptions = SimpleNamespace(RayError=RefusedTask)
+
+    def __init__(self) -> None:
+        self.initialised: dict[str, Any] = {}
+        self.stored: list[bytes] = []
+        self.lost = False
+
+    def init(self, **arguments: Any) -> None:
+        self.initialised = arguments
+
+    def cluster_resources(self) -> dict[str, float]:
+        return {"CPU": 3.0}
+
+    def put(self, value: object) -> Reference:
+        self.stored.append(pickle.dumps(value))
+        return Reference(len(self.stored) - 1)
+
+    def get(self, reference: Reference) -> Any:
+        if self.lost:
+            raise RefusedTask("the machine was lost\n")
+        return pickle.loads(self.stored[reference.number])  # noqa: S301
+
+    def remote(self, **resources: Any) -> Any:
+        assert resources == {"num_cpus": 1, "max_retries": 2}
+
+        def decorate(task: Any) -> SimpleNamespace:
+            def remote(*arguments: Any) -> Reference:
+                given = [self.get(one) if isinstance(one, Reference) else one for one in arguments]
+                return self.put(task(*pickle.loads(pickle.dumps(given))))  # noqa: S301
+
+            return SimpleNamespace(remote=remote)
+
+        return decorate
+
+    def wait(self, references: list[Reference], timeout: float) -> tuple[list[Reference], list[Reference]]:
+        return references[:1], references[1:]
+
+    def cancel(self, reference: Reference, force: bool) -> None:
+        assert force
+
+    def shutdown(self) -> None:
+        self.initialised = {}
+
+
+class Reference(NamedTuple):
+    number: int
+
+
+@pytest.fixture
+def pretended(monkeypatch: pytest.MonkeyPatch) -> PretendedRay:
+    ray = PretendedRay()
+    monkeypatch.setitem(sys.modules, "ray", ray)  # type: ignore[misc]
+    # Processes of the tests keep their threads.
+    monkeypatch.setattr(executors, "prepare_process", lambda: None)
+    return ray
+
+
+def test_tasks_are_sent_what_they_read_and_send_back_what_they_leave(
+    tmp_path: Path, pretended: PretendedRay
+) -> None:
+    store = Store(tmp_path)
+    shared, failing = Written(2), Failing(2)
+    runs = [Total((shared, Square(3))), Total((shared,)), failing]
+    executor = RayCluster(store, "local", modules=["tests.benchmarks"])
+    environment = pretended.initialised["runtime_env"]
+    names = [module.__name__ for module in environment["py_modules"]]
+    assert names == ["benchmarks", "moral_algorithms", "moral_envs", "tests"]
+    assert executor.jobs == 3
+    sweep = Sweep(store, runs)
+    sweep.carry_out(executor, lambda sweep: None, lambda outcome: None)
+    assert pretended.initialised == {}
+    assert [store.result(run)["total"] for run in runs[:2]] == [13, 4]
+    assert (store.files(shared) / "square.txt").read_text() == "4"
+    assert store.is_complete(shared)
+    ((failed, error),) = sweep.failed
+    assert failed == failing
+    assert (error or "").endswith("RuntimeError: it was not to be")
+    assert store.log_path(failing).read_text() == f"{error}\n"
+
+
+def test_a_task_that_is_lost_has_failed(tmp_path: Path, pretended: PretendedRay) -> None:
+    store = Store(tmp_path)
+    executor = RayCluster(store, "local", jobs=1)
+    executor.start(Square(3))
+    assert Store(tmp_path).is_held(Square(3))
+    pretended.lost = True
+    assert executor.wait(1.0) == [(Square(3), "the machine was lost")]
+    assert not Store(tmp_path).is_held(Square(3))
+    assert executor.wait(0.0) == []
+
+
+def test_what_is_running_is_given_free_when_a_cluster_is_left(
+    tmp_path: Path, pretended: PretendedRay
+) -> None:
+    store = Store(tmp_path)
+    executor = RayCluster(store, "local")
+    executor.start(Square(3))
+    executor.stop()
+    assert not store.is_held(Square(3))
+    assert store.record(Square(3)) is None
 
 
 @needs_ray

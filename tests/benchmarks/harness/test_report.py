@@ -87,7 +87,7 @@ def test_a_page_with_and_without_results(tmp_path: Path) -> None:
     assert "0 of 1 runs" in text
     assert "python -m benchmarks run X2 --profile smoke" in text
     assert "## X1. Squares: holds\n" in markdown
-    assert "| ours | one is above ten | 16.0 | yes |" in markdown
+    assert "| ours | one is above ten | 16 | yes |" in markdown
     assert "![Squares](X1.png)" in markdown
     assert "## X2. Nothing yet: not run\n" in markdown
 

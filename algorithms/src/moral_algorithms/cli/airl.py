@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from tyro import MISSING
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
+from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.learners.airl import AIRLConfig
 from moral_algorithms.run_directory import RunDirectory
+from moral_algorithms.storage import StorageError
 from moral_algorithms.worlds import WorldSpec
 
 
@@ -20,7 +25,9 @@ from moral_algorithms.worlds import WorldSpec
 class Command(BaseCommand):
     """Learn a reward network from demonstrations by adversarial inverse reinforcement learning.
 
-    The run directory then holds the reward network, which `moral train` takes, and the imitation policy.
+    The run directory then holds the reward network, which `moral train` and `moral cover` take, and the
+    imitation policy. The defaults are those of the world that the demonstrations are of:
+    `moral airl --demonstrations FILE --help` shows them.
     """
 
     demonstrations: Path
@@ -37,6 +44,19 @@ class Command(BaseCommand):
     machine: Annotated[Machine, arg(name="")] = field(default_factory=Machine)
     tensorboard: bool = True
     """Write TensorBoard's event files into the run directory."""
+
+    @classmethod
+    def defaults(cls, options: Sequence[str]) -> Command | None:
+        """Find what suits the world of the demonstrations."""
+        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        parser.add_argument("--demonstrations", type=Path, nargs="?")
+        path = parser.parse_known_args(list(options))[0].demonstrations
+        try:
+            world = WorldSpec() if path is None else Demonstrations.world_of(path)
+        except StorageError:
+            # The command itself says so.
+            return None
+        return cls(MISSING, MISSING, config=pipeline.airl_config(world.name))
 
     @property
     def hint(self) -> str:

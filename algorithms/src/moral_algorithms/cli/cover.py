@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from tyro import MISSING
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
@@ -15,6 +18,7 @@ from moral_algorithms.learners.covering import CoveringConfig
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.pipeline import CoverRun
 from moral_algorithms.run_directory import RunDirectory
+from moral_algorithms.storage import StorageError
 from moral_algorithms.worlds import WorldSpec
 
 
@@ -44,12 +48,26 @@ class Command(BaseCommand):
     """Seed of everything random."""
     config: Annotated[CoveringConfig, arg(name="")] = field(default_factory=CoveringConfig)
     normaliser: ExpertConfig = field(default_factory=pipeline.normaliser_config)
-    """How the policies are trained that pursue one primary component alone."""
+    """How the policies are trained that pursue one primary component alone; the defaults are the world's."""
     returns: dict[str, float] = field(default_factory=dict)
     """Returns of such policies that are known already, such as deliver 9.7: these are not trained."""
     machine: Annotated[Machine, arg(name="")] = field(default_factory=Machine)
     tensorboard: bool = True
     """Write TensorBoard's event files into the run directory."""
+
+    @classmethod
+    def defaults(cls, options: Sequence[str]) -> Command | None:
+        """Find what suits the world."""
+        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        parser.add_argument("--world", nargs="?")
+        parser.add_argument("--rewards", type=Path, nargs="*", default=[])
+        early, _ = parser.parse_known_args(list(options))
+        try:
+            world = early.world or pipeline.world_of_rewards(tuple(early.rewards)).name
+        except StorageError:
+            # The command itself says so.
+            return None
+        return cls(MISSING, MISSING, normaliser=pipeline.normaliser_config(world))
 
     @property
     def hint(self) -> str:

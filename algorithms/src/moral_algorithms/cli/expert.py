@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from tyro import MISSING
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
@@ -20,7 +23,8 @@ from moral_algorithms.worlds import WorldSpec
 class Command(BaseCommand):
     """Train an expert: PPO on the world's own rewards under known weights, until it stops improving.
 
-    The run directory then holds its policy; `moral demonstrate` records it.
+    The run directory then holds its policy; `moral demonstrate` records it. The defaults are those of the
+    world: `moral expert --world delivery --help` shows Delivery's.
     """
 
     out: Path
@@ -37,6 +41,14 @@ class Command(BaseCommand):
     machine: Annotated[Machine, arg(name="")] = field(default_factory=Machine)
     tensorboard: bool = True
     """Write TensorBoard's event files into the run directory."""
+
+    @classmethod
+    def defaults(cls, options: Sequence[str]) -> Command | None:
+        """Find what suits the world."""
+        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        parser.add_argument("--world", nargs="?", default=cls.world)
+        world = parser.parse_known_args(list(options))[0].world
+        return cls(MISSING, MISSING, config=pipeline.expert_config(world))
 
     @property
     def hint(self) -> str:

@@ -31,12 +31,12 @@ from moral_algorithms.worlds import WorldSpec
 class CoveringConfig:
     """How a policy for all weights is trained."""
 
-    steps: int = 3_500_000
+    steps: int = 4_000_000
     """Environment steps."""
-    span: float = 15.0
+    span: float = 30.0
     """Each weight is log-uniform over a range of this ratio: which weights balance components depends on
     their scales, and normalised returns fix those only roughly."""
-    primary_weight: float = 2.5
+    primary_weight: float = 1.5
     """How much larger primary components' weights are drawn than learned ones'. A learned reward charges for
     all that its expert did not do; what is given pays only under weights that outweigh that."""
     ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.03, entropy_end=0.005))

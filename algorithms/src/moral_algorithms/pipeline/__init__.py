@@ -13,6 +13,7 @@ from moral_algorithms.pipeline.baseline import DRLHPRun, drlhp, drlhp_preset, re
 from moral_algorithms.pipeline.covering import AlignRun, CoverRun, align, cover, read_align_run
 from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
+from moral_algorithms.pipeline.presets import airl_config, expert_config
 from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
 from moral_algorithms.pipeline.reward_vector import normaliser_config, reward_components, world_of_rewards
 from moral_algorithms.pipeline.stage import Setting
@@ -28,6 +29,7 @@ __all__ = [
     "Setting",
     "TeacherConfig",
     "airl",
+    "airl_config",
     "align",
     "begin_moral",
     "begin_replay",
@@ -38,6 +40,7 @@ __all__ = [
     "drlhp_preset",
     "evaluate",
     "expert",
+    "expert_config",
     "find_policy",
     "how_to_resume",
     "moral",

@@ -5,6 +5,7 @@ PYTHON ?= python3
 PIP_ARGS ?=
 PYTEST_ARGS ?= -n 2 --dist worksteal
 DEMO_ARGS ?=
+LIVE_ARGS ?= --rewards runs/demo/airl --out runs/live
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -12,11 +13,12 @@ BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt $(PIP_ARGS)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint smoke bench strangers docs clean
+.PHONY: help demo live test lint smoke bench strangers docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo    train MORAL in the Emergency world and show the result"
+	@echo "make live    the demo's agent once more, with you as the teacher: answer on a page (after make demo)"
 	@echo "make test    run all tests, and those of moral-envs again where there is no PyTorch"
 	@echo "make lint    check style, types and the direction of imports"
 	@echo "make smoke   every benchmark at its smallest, and the report: runs/smoke/report/index.html (a few minutes)"
@@ -24,10 +26,13 @@ help:
 	@echo "make strangers   peers' learners on moral-envs, and its speed beside theirs (about half an hour)"
 	@echo "make docs    build the site: site/index.html (needs Python 3.11 or newer)"
 	@echo "make clean   remove .venv, the site and the tools' caches"
-	@echo "Variables: PYTHON (3.10 or newer, now $(PYTHON)), PIP_ARGS, DEMO_ARGS, PYTEST_ARGS."
+	@echo "Variables: PYTHON (3.10 or newer, now $(PYTHON)), PIP_ARGS, DEMO_ARGS, LIVE_ARGS, PYTEST_ARGS."
 
 demo: $(VENV)/.runtime
 	$(BIN)/moral demo $(DEMO_ARGS)
+
+live: $(VENV)/.live
+	$(BIN)/moral live $(LIVE_ARGS)
 
 # One thread per worker: two workers with more would fight over the cores.
 test: export OMP_NUM_THREADS := 1
@@ -76,6 +81,10 @@ $(VENV)/.runtime: $(VENV)/.created constraints.txt pyproject.toml envs/pyproject
 	@$(PIP_INSTALL) pip
 	@$(PIP_INSTALL) --group build
 	@$(PIP_INSTALL) --no-build-isolation -e envs -e algorithms
+	@touch $@
+
+$(VENV)/.live: $(VENV)/.runtime
+	@$(PIP_INSTALL) --no-build-isolation -e "algorithms[live]"
 	@touch $@
 
 $(VENV)/.benchmarks: $(VENV)/.runtime

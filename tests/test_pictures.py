@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tools import draw_pictures
+from tools import draw_live_pictures, draw_pictures
 
 PICTURES = draw_pictures.pictures()
 
@@ -21,4 +21,10 @@ def test_a_picture_is_up_to_date(name: str) -> None:
 
 def test_there_are_no_other_pictures() -> None:
     found = {path.name for path in draw_pictures.FOLDER.iterdir()}
-    assert found == {*PICTURES, "play.png"}
+    live = {f"{name}.png" for name in draw_live_pictures.PICTURES}
+    assert found == {*PICTURES, "play.png", *live}
+
+
+def test_pictures_are_small() -> None:
+    sizes = {path.name: path.stat().st_size for path in draw_pictures.FOLDER.iterdir()}
+    assert max(sizes.values()) < 150_000, sizes

@@ -212,7 +212,7 @@ def play_in_window(game: Game) -> None:
 
 def play_in_terminal(game: Game) -> None:
     """Play until the player quits or the input ends, with Ctrl-D for instance."""
-    with _single_keys():
+    with single_keys():
         _print_screen(game)
         while (key := _read_key()) and game.press(key):
             _print_screen(game)
@@ -247,7 +247,7 @@ def _beside(frame: str, tables: str) -> list[str]:
 
 
 @contextmanager
-def _single_keys() -> Iterator[None]:
+def single_keys() -> Iterator[None]:
     """Let a terminal hand over every key at once, and not show it."""
     if not sys.stdin.isatty():
         yield

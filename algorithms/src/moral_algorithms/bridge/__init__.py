@@ -7,7 +7,8 @@ from moral_algorithms.bridge.reward_vector import (
     RewardComponent,
     ScalarisedRewards,
 )
-from moral_algorithms.bridge.vec_env import EngineVecEnv, Replay, Transitions
+from moral_algorithms.bridge.vec_env import EngineVecEnv, Transitions
+from moral_algorithms.replay import Replay
 
 __all__ = [
     "EngineVecEnv",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
+from moral_algorithms.replay import Replay
 from moral_envs.engine import Engine
 from moral_envs.streams import spawn_streams
 from moral_envs.world import World
@@ -28,25 +29,6 @@ class Transitions(NamedTuple):
     """Shape (n, C, H, W): the true next observations, also where the episode ended."""
     vector_rewards: NDArray[np.float32]
     """The environment's own reward vectors, shape (n, k)."""
-
-
-class Replay(NamedTuple):
-    """An episode in as few bytes as it takes to play it again, in the same world with as many agents."""
-
-    stream: int
-    """State of the environment's random stream before the reset."""
-    actions: NDArray[np.uint8]
-    """Shape (T, n_agents)."""
-
-    def to_json(self) -> dict[str, str]:
-        """Write the stream in hexadecimal and one digit per action, agents of a step side by side."""
-        return {"stream": f"{self.stream:016x}", "actions": "".join(map(str, self.actions.ravel().tolist()))}
-
-    @classmethod
-    def from_json(cls, value: dict[str, str], num_agents: int = 1) -> Replay:
-        """Read what :meth:`to_json` wrote, of an episode of ``num_agents`` agents."""
-        digits = np.array([int(digit) for digit in value["actions"]], dtype=np.uint8)
-        return cls(int(value["stream"], 16), digits.reshape(-1, num_agents))
 
 
 class EngineVecEnv(VecEnv):

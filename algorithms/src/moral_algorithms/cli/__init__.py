@@ -29,6 +29,8 @@ COMMANDS = {
     "train": "MORAL: train under weights that are learned from pairwise preferences",
     "cover": "train one policy for all weights, so that queries need no more training",
     "align": "ask a teacher about such a policy until the weights are known",
+    "live": "MORAL with you as the teacher, who answers on a web page",
+    "replay": "measure how consistent answers are, and train again from them alone",
     "drlhp": "the baseline: train under a reward that is learned from pairwise preferences alone",
     "evaluate": "measure a policy, in Emergency beside the exact optimum",
     "watch": "play an episode of a policy into a GIF or an MP4",

@@ -11,11 +11,12 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
+from moral_algorithms.answers import read_answers
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
 from moral_algorithms.learners.alignment import AlignmentConfig
 from moral_algorithms.pipeline import AlignRun, TeacherConfig
-from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.storage import StorageError
 
 _KIND = "align"
@@ -68,7 +69,7 @@ class Command(BaseCommand):
         if not directory.config.exists():
             return "nothing was started"
         try:
-            answered = len(read_lines(directory.queries))
+            answered = len(read_answers(directory.queries).informative)
         except StorageError as error:
             return f"{error}"
         how = pipeline.how_to_resume(directory, _KIND)

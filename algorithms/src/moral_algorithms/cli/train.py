@@ -11,12 +11,14 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
+from moral_algorithms.answers import read_answers
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
+from moral_algorithms.cli.people import People, ask_people
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig
 from moral_algorithms.pipeline import MoralRun, TeacherConfig
-from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.storage import StorageError
 from moral_algorithms.worlds import WorldSpec
 
@@ -30,6 +32,9 @@ class Command(BaseCommand):
     The reward vector holds the primary components, which the world pays, and one learned component for each
     expert. All are normalised by the return of a policy that pursues them alone; those for the primary
     components are trained first.
+
+    With `--teacher web` a person answers on a web page, as in `moral live`, which has more options for it;
+    with `--teacher terminal` here in the terminal.
 
     An interrupted run goes on from its last checkpoint with `moral train --resume --out DIR`; its options are
     those it was started with, of which only device, threads and tensorboard may be changed. No answered query
@@ -91,17 +96,27 @@ class Command(BaseCommand):
         )
 
     @property
+    def name(self) -> str:
+        """The command."""
+        return _KIND
+
+    @property
     def hint(self) -> str:
         """What is saved, and how to go on."""
         directory = RunDirectory(self.out)
         if not directory.config.exists():
             return "nothing was started"
         try:
-            answered = len(read_lines(directory.queries))
+            answered = len(read_answers(directory.queries).informative)
         except StorageError as error:
             return f"{error}"
-        how = pipeline.how_to_resume(directory, _KIND)
+        how = pipeline.how_to_resume(directory, self.name)
         return f"{answered} of {self.config.queries} answers are saved; {how}"
+
+    @property
+    def people(self) -> People:
+        """How people answer, where they are the teacher."""
+        return People()
 
     def execute(self, console: Console) -> None:
         """Do it."""
@@ -128,7 +143,10 @@ class Command(BaseCommand):
         if self.resume and not finished:
             for warning in pipeline.changes_since_start(directory, _KIND, setting):
                 console.error(f"moral: warning: {warning}")
-        summary = pipeline.moral(directory, run, setting, self.resume)
+        if self.teacher.asks_people:
+            summary = ask_people(console, directory, run, setting, self.resume, self.people)
+        else:
+            summary = pipeline.moral(directory, run, setting, self.resume)
         if finished:
             console.print(f"The run in {self.out} was finished before.")
         console.objectives("last episodes", summary["objectives"])

@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moral_algorithms.bridge import Replay, ScalarisedRewards
+from moral_algorithms.answers import Answer, AskedQuery, read_answers
+from moral_algorithms.bridge import ScalarisedRewards
 from moral_algorithms.evaluation import Policy
-from moral_algorithms.preferences import ACQUISITIONS, Posterior, Preference, Query, Teacher
-from moral_algorithms.run_directory import append_line, read_lines, repair_lines
+from moral_algorithms.preferences import ACQUISITIONS, Posterior, Query, Teacher
+from moral_algorithms.replay import Replay
+from moral_algorithms.run_directory import append_line, repair_lines
 from moral_algorithms.storage import StorageError
+
+SIMULATED = "simulated"
+"""Who answers where no person does."""
 
 
 class Episode(NamedTuple):
@@ -26,6 +31,26 @@ class Episode(NamedTuple):
     """Ground-truth counters at the end, shape (m,)."""
     replay: Replay
     """The episode itself."""
+
+
+class Asker(Protocol):
+    """How a learner puts queries to a teacher; it adds the answers to the posterior itself."""
+
+    def read(self) -> None:
+        """Read what an earlier process has left, before a checkpoint is loaded."""
+        ...
+
+    def act(self, env_steps: int, episodes: deque[Episode]) -> bool:
+        """Do what is due between two rollouts; returns whether there was something."""
+        ...
+
+    def state_dict(self) -> dict[str, Any]:
+        """State that JSON can hold."""
+        ...
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on where `state_dict` was taken; the posterior has been restored before."""
+        ...
 
 
 def play_once(policy: Policy, venv: ScalarisedRewards) -> list[Episode]:
@@ -98,11 +123,11 @@ class QueryChooser:
         pairs = pairs[differ] if differ.any() else pairs
         return pairs, returns[pairs]
 
-    def best(self, returns: NDArray[np.float64]) -> int:
-        """Index of the candidate to ask, of those with returns (P, 2, d)."""
+    def best(self, returns: NDArray[np.float64], samples: NDArray[np.float64] | None = None) -> int:
+        """Index of the candidate to ask, of those with returns (P, 2, d); under other samples if given."""
+        known = self._posterior.samples if samples is None else samples
         acquisition = ACQUISITIONS[self._acquisition]
-        scores = acquisition(self._posterior.samples, returns, self._posterior.likelihood, self.rng)
-        return int(np.argmax(scores))
+        return int(np.argmax(acquisition(known, returns, self._posterior.likelihood, self.rng)))
 
 
 class TeacherAsker:
@@ -139,7 +164,7 @@ class TeacherAsker:
         self._span = span
         self._queries = queries
         self._path = path
-        self._answered: list[dict[str, Any]] = []
+        self._answered: list[Answer] = []
 
     def read(self) -> None:
         """Read the answers of an earlier process; they are used when their turn comes.
@@ -150,7 +175,13 @@ class TeacherAsker:
             If the file is damaged.
         """
         repair_lines(self._path)
-        self._answered = _read_answers(self._path)
+        self._answered = list(read_answers(self._path).standing.values())
+        for number, answer in enumerate(self._answered):
+            if answer.number != number or answer.preference is None or answer.teacher is None:
+                raise StorageError(
+                    f"{self._path} is damaged in line {number + 1}: "
+                    f"it is not a teacher's answer to query {number}"
+                )
 
     def act(self, env_steps: int, episodes: deque[Episode]) -> bool:
         """Ask the queries that are due; return whether there was one."""
@@ -168,33 +199,23 @@ class TeacherAsker:
         """Ask the next query, of two of at least two episodes; they are removed if the teacher skips it."""
         number = self._posterior.num_queries
         pairs, returns = self._chooser.draw(episodes)
-        pair = [episodes[index] for index in pairs[self._chooser.best(returns)]]
+        first, second = (episodes[index] for index in pairs[self._chooser.best(returns)])
         if number < len(self._answered):
             # Answered before a crash that came before the checkpoint: the teacher is not asked again.
-            record = self._answered[number]
-            self._teacher.load_state_dict(record["teacher"])
+            answer = self._answered[number]
+            self._teacher.load_state_dict(answer.teacher or {})
         else:
-            query = Query(
-                np.array([episode.returns for episode in pair], dtype=np.float64),
-                np.array([episode.objectives for episode in pair]),
-            )
-            preference = self._teacher.prefer(query)
+            asked = as_query(number, number, env_steps, first, second)
+            preference = self._teacher.prefer(asked.pair)
             if preference is None:
                 # Skipped: the next try waits for other episodes.
                 episodes.clear()
                 return
-            record = {
-                "env_steps": env_steps,
-                "returns": query.returns.tolist(),
-                "objectives": query.objectives.tolist(),
-                "episodes": [episode.replay.to_json() for episode in pair],
-                "query": number,
-                "preference": preference.value,
-                "teacher": self._teacher.state_dict(),
-            }
-            append_line(self._path, record)
-            self._answered.append(record)
-        self._posterior.add(np.array(record["returns"]), Preference(record["preference"]))
+            answer = Answer(asked, preference, SIMULATED, teacher=self._teacher.state_dict())
+            append_line(self._path, answer.to_json())
+            self._answered.append(answer)
+        assert answer.preference is not None
+        self._posterior.add(answer.asked.pair.returns, answer.preference)
 
     def state_dict(self) -> dict[str, Any]:
         """State of the candidates and of the teacher."""
@@ -217,18 +238,17 @@ class TeacherAsker:
             raise StorageError(f"{self._path} has {len(self._answered)} answers; the checkpoint has {used}")
 
 
-def _read_answers(path: Path) -> list[dict[str, Any]]:
-    """Read the answered queries, checked: a damaged one must not come to light in the middle of training."""
-    answers = read_lines(path)
-    for number, record in enumerate(answers):
-        try:
-            Query(np.array(record["returns"]), np.array(record["objectives"]))
-            Preference(record["preference"])
-            valid = record["query"] == number and isinstance(record["teacher"], dict)
-        except (KeyError, TypeError, ValueError):
-            valid = False
-        if not valid:
-            raise StorageError(
-                f"{path} is damaged in line {number + 1}: it is not the answer to query {number}"
-            )
-    return answers
+def as_query(
+    number: int,
+    answers: int,
+    env_steps: int,
+    first: Episode,
+    second: Episode,
+    expected: float | None = None,
+) -> AskedQuery:
+    """Make a query of two episodes, chosen by a posterior of so many answers."""
+    pair = Query(
+        np.array([first.returns, second.returns], dtype=np.float64),
+        np.array([first.objectives, second.objectives]),
+    )
+    return AskedQuery(number, answers, env_steps, pair, (first.replay, second.replay), expected)

@@ -1,9 +1,10 @@
 """MORAL: train under weights that are meanwhile learned from preferences (thesis, algorithms 1 and 5).
 
 The reward vector holds primary components, read from the environment, and learned ones, one per expert. PPO
-trains under the posterior mean of the weights. At even intervals the most informative of many random pairs of
-recent on-policy episodes is shown to the teacher; the answer updates the posterior, the weights are replaced,
-and training goes on.
+trains under the posterior mean of the weights. The most informative of many random pairs of recent on-policy
+episodes are shown to the teacher; each answer updates the posterior, the weights are replaced, and training
+goes on. A simulated teacher is asked at even intervals (:mod:`~moral_algorithms.learners.asking`); people
+answer in their own time (:mod:`~moral_algorithms.learners.query_queue`).
 
 An answer is on the disk before it counts, and a checkpoint follows it. After a crash training goes on from
 the last checkpoint; queries that were answered since are not asked again.
@@ -23,10 +24,14 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from moral_algorithms.bridge import EngineVecEnv, Replay, RewardComponent, ScalarisedRewards
-from moral_algorithms.learners.asking import Episode, QueryChooser, TeacherAsker
+from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards
+from moral_algorithms.learners.asking import Asker, Episode, QueryChooser, TeacherAsker
+from moral_algorithms.learners.beside_people import PaceSchedule, StatusWriter, learn_at_pace
 from moral_algorithms.learners.inference import InferenceConfig, make_posterior
+from moral_algorithms.learners.pace import Pace
 from moral_algorithms.learners.ppo import (
+    BatchedBootstrap,
+    EntropySchedule,
     ObjectiveMonitor,
     OnProgress,
     PPOConfig,
@@ -34,12 +39,11 @@ from moral_algorithms.learners.ppo import (
     load_ppo_state,
     make_ppo,
     ppo_state,
-    standard_callbacks,
 )
-from moral_algorithms.preferences import (
-    Posterior,
-    Teacher,
-)
+from moral_algorithms.learners.query_queue import People, QueryQueue
+from moral_algorithms.learners.recorded import RecordedAnswers, RecordedAsker, vector_returns
+from moral_algorithms.preferences import Posterior, Teacher
+from moral_algorithms.replay import Replay
 from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, repair_lines, write_lines
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, first_line, read_tensors, write_tensors
@@ -86,7 +90,7 @@ class AlignedAgent(NamedTuple):
 def train_moral(
     world: WorldSpec,
     components: Sequence[RewardComponent],
-    teacher: Teacher,
+    teacher: Teacher | People | RecordedAnswers,
     config: MoralConfig,
     seed: int,
     directory: RunDirectory,
@@ -105,7 +109,8 @@ def train_moral(
         The reward vector, normalised so that the return of a policy that pursues one component alone is about
         one.
     teacher
-        Answers the queries.
+        Answers the queries; if it is people, training goes on for as long as they take. Recorded answers are
+        used instead of any question.
     config
         How it trains and asks.
     seed
@@ -138,14 +143,28 @@ def train_moral(
     posterior = make_posterior(config, len(components), np.random.default_rng(posterior_seed))
     venv = ScalarisedRewards(engine, components, posterior.weights())
     model = make_ppo(config.ppo, venv, ppo_seed, device, tensorboard)
-    standard = standard_callbacks(config.ppo, config.steps, built.objective_names, on_progress)
-    monitor = next(callback for callback in standard if isinstance(callback, ObjectiveMonitor))
     chooser = QueryChooser(posterior, config.acquisition, config.candidates, candidate_seed)
-    span = config.query_span * config.steps
-    asker = TeacherAsker(teacher, chooser, posterior, span, config.queries, directory.queries)
+    monitor = ObjectiveMonitor(built.objective_names, config.steps, on_progress)
+    asker: Asker
+    if isinstance(teacher, People):
+        pace = Pace(config.steps, config.queries, config.query_span)
+        asker = queue = QueryQueue(teacher, chooser, posterior, pace, directory)
+    elif isinstance(teacher, RecordedAnswers):
+        replays = [replay for answer in teacher.answers for replay in answer.asked.episodes]
+        returns = vector_returns(built, components, replays).reshape(-1, 2, len(components))
+        asker = RecordedAsker(teacher, returns, posterior, config.query_span * config.steps)
+    else:
+        span = config.query_span * config.steps
+        asker = TeacherAsker(teacher, chooser, posterior, span, config.queries, directory.queries)
     learner = PreferenceLearner(venv, posterior, asker, config.checkpoint_every, directory, monitor)
     learner.restore(model)
-    learn(model, config.steps, [*standard, learner])
+    common = [BatchedBootstrap(), monitor, learner]
+    if isinstance(teacher, People):
+        status = StatusWriter(venv, posterior, queue, monitor, learner.recent, directory)
+        learn_at_pace(model, [PaceSchedule(config.ppo, pace), *common, status], queue, status)
+    else:
+        schedule = EntropySchedule(config.ppo.entropy_start, config.ppo.entropy_end, config.steps)
+        learn(model, config.steps, [schedule, *common])
     learner.save(model)
     return AlignedAgent(model.policy, posterior.weights(), model.num_timesteps)
 
@@ -176,7 +195,7 @@ class PreferenceLearner(BaseCallback):
         self,
         venv: ScalarisedRewards,
         posterior: Posterior,
-        asker: TeacherAsker,
+        asker: Asker,
         checkpoint_every: int,
         directory: RunDirectory,
         monitor: ObjectiveMonitor,
@@ -188,8 +207,9 @@ class PreferenceLearner(BaseCallback):
         self._checkpoint_every = checkpoint_every
         self._directory = directory
         self._monitor = monitor
-        self._recent: deque[Episode] = deque(maxlen=venv.num_envs)
         self._rollouts = 0
+        self.recent: deque[Episode] = deque(maxlen=venv.num_envs)
+        """The last finished episodes."""
 
     def restore(self, model: PPO) -> None:
         """Go on from the last checkpoint, if there is one, and from the queries answered since.
@@ -221,7 +241,7 @@ class PreferenceLearner(BaseCallback):
             self._monitor.means = metadata["objectives"]
             names = ("returns", "objectives", "streams", "actions")
             recent = zip(*(arrays[f"recent.{name}"] for name in names), strict=True)
-            self._recent.extend(
+            self.recent.extend(
                 Episode(returns, objectives, Replay(int(stream), actions))
                 for returns, objectives, stream, actions in recent
             )
@@ -244,7 +264,7 @@ class PreferenceLearner(BaseCallback):
         posterior = self._posterior.state_dict()
         arrays["posterior.returns"] = posterior.pop("returns")
         arrays["posterior.samples"] = posterior.pop("samples")
-        recent = self._recent
+        recent = self.recent
         arrays["recent.returns"] = np.array([episode.returns for episode in recent], dtype=np.float32)
         arrays["recent.objectives"] = np.array([episode.objectives for episode in recent], dtype=np.int64)
         arrays["recent.streams"] = np.array([episode.replay.stream for episode in recent], dtype=np.uint64)
@@ -260,7 +280,7 @@ class PreferenceLearner(BaseCallback):
 
     def _on_step(self) -> bool:
         if self.locals["dones"].any():
-            self._recent.extend(
+            self.recent.extend(
                 Episode(info["returns"], info["objectives"], info["replay"])
                 for info in self.locals["infos"]
                 if "returns" in info
@@ -270,7 +290,7 @@ class PreferenceLearner(BaseCallback):
     def _on_rollout_start(self) -> None:
         assert isinstance(self.model, PPO)
         self._rollouts += 1
-        acted = self._asker.act(self.num_timesteps, self._recent)
+        acted = self._asker.act(self.num_timesteps, self.recent)
         if acted:
             self._venv.weights = self._posterior.weights()
             self._monitor.queries = self._posterior.num_queries

@@ -8,14 +8,14 @@ measures a policy beside the exact optimum. Each leaves its results in files, fr
 queries of any number of teachers.
 """
 
-from moral_algorithms.pipeline.alignment import MoralRun, moral, read_moral_run
+from moral_algorithms.pipeline.alignment import MoralRun, begin_moral, begin_replay, moral, read_moral_run
 from moral_algorithms.pipeline.baseline import DRLHPRun, drlhp, drlhp_preset, read_drlhp_run
 from moral_algorithms.pipeline.covering import AlignRun, CoverRun, align, cover, read_align_run
 from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
 from moral_algorithms.pipeline.presets import airl_config, expert_config
 from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
-from moral_algorithms.pipeline.reward_vector import normaliser_config, world_of_rewards
+from moral_algorithms.pipeline.reward_vector import normaliser_config, reward_components, world_of_rewards
 from moral_algorithms.pipeline.stage import Setting
 from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.seeding import spawn_seeds
@@ -31,6 +31,8 @@ __all__ = [
     "airl",
     "airl_config",
     "align",
+    "begin_moral",
+    "begin_replay",
     "changes_since_start",
     "cover",
     "demonstrate",
@@ -47,6 +49,7 @@ __all__ = [
     "read_drlhp_run",
     "read_moral_run",
     "read_setting",
+    "reward_components",
     "spawn_seeds",
     "world_of_rewards",
 ]

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from moral_algorithms.answers import Answer, read_answers
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig, train_moral
 from moral_algorithms.learners.ppo import PPOConfig
+from moral_algorithms.learners.query_queue import People
+from moral_algorithms.learners.recorded import RecordedAnswers
 from moral_algorithms.networks.files import save_policy
 from moral_algorithms.pipeline.resuming import read_resumable, resumable
 from moral_algorithms.pipeline.reward_vector import (
+    copy_reward_vector,
     copy_rewards,
     normaliser_config,
     primary_normalisers,
@@ -23,14 +28,17 @@ from moral_algorithms.pipeline.reward_vector import (
     total,
 )
 from moral_algorithms.pipeline.stage import Setting, StageClock, name_values
-from moral_algorithms.pipeline.teaching import TeacherConfig
-from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.pipeline.teaching import RECORDED, TeacherConfig
+from moral_algorithms.preferences import Teacher
+from moral_algorithms.run_directory import RunDirectory, read_lines, write_lines
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
 KIND = "train"
 """Kind of the run, which is also the command that makes it."""
+
+_RECORDED = "recorded.jsonl"
 
 
 @dataclass(frozen=True)
@@ -141,12 +149,10 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
     if resume:
         read_moral_run(directory)
     else:
-        require_worlds(run)
+        _require_startable(run)
     with directory.hold():
         if not resume:
-            directory.require_new()
-            copy_rewards(directory, run)
-            directory.write_config({"kind": KIND, **run.to_json(), "setting": setting.to_json()})
+            _begin(directory, run, setting)
         else:
             directory.require_config({"kind": KIND, **run.to_json()})
             if directory.summary.exists():
@@ -156,14 +162,93 @@ def moral(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool
             return _train(directory, run, setting, resume)
 
 
+def begin_moral(directory: RunDirectory, run: MoralRun, setting: Setting) -> None:
+    """Prepare a directory for a run, which :func:`moral` then resumes: in another process, for instance.
+
+    Raises
+    ------
+    ValueError
+        If the run's parts do not fit together.
+    StorageError
+        If something cannot be read or written, or the directory holds a run already.
+    """
+    _require_fitting(run)
+    _require_startable(run)
+    with directory.hold():
+        _begin(directory, run, setting)
+
+
+def begin_replay(
+    directory: RunDirectory, source: RunDirectory, answers: Sequence[Answer], setting: Setting, seed: int
+) -> MoralRun:
+    """Prepare a directory for training once more from recorded answers, which :func:`moral` then resumes.
+
+    Parameters
+    ----------
+    directory
+        Where the new run goes.
+    source
+        The run whose world, rewards and settings it takes.
+    answers
+        The answers, in the order in which they are used.
+    setting
+        How it is run.
+    seed
+        Entropy of all of it.
+
+    Raises
+    ------
+    ValueError
+        If there is no answer.
+    StorageError
+        If something cannot be read or written, or the directory holds a run already.
+    """
+    before = read_moral_run(source)
+    if not answers:
+        raise ValueError("answers are none; there must be at least one to learn from")
+    run = replace(
+        before,
+        teacher=TeacherConfig(teacher=RECORDED),
+        seed=seed,
+        config=replace(before.config, queries=len(answers)),
+    )
+    _require_fitting(run)
+    numbered = [
+        replace(answer, asked=replace(answer.asked, number=number, repeats=None), key=None)
+        for number, answer in enumerate(answers)
+    ]
+    with directory.hold():
+        directory.require_new()
+        write_lines(directory.path / _RECORDED, (answer.to_json() for answer in numbered))
+        copy_reward_vector(directory, source, run)
+        _write_config(directory, run, setting)
+    return run
+
+
+def _begin(directory: RunDirectory, run: MoralRun, setting: Setting) -> None:
+    """Copy the reward networks and write the configuration, last."""
+    directory.require_new()
+    copy_rewards(directory, run)
+    _write_config(directory, run, setting)
+
+
+def _write_config(directory: RunDirectory, run: MoralRun, setting: Setting) -> None:
+    directory.write_config({"kind": KIND, **run.to_json(), "setting": setting.to_json()})
+
+
 def _train(directory: RunDirectory, run: MoralRun, setting: Setting, resume: bool) -> dict[str, Any]:
     """Train from where the run in the directory stands to its end."""
     primary_seed, moral_seed, teacher_seed = spawn_seeds(run.seed, 3)
     world = run.world.build()
-    teacher = run.teacher.build(world.objective_names, np.random.default_rng(teacher_seed))
+    teacher: Teacher | People | RecordedAnswers
+    if run.teacher.asks_people:
+        teacher = run.teacher.people()
+    elif run.teacher.teacher == RECORDED:
+        teacher = RecordedAnswers(tuple(read_answers(directory.path / _RECORDED).informative))
+    else:
+        teacher = run.teacher.build(world.objective_names, np.random.default_rng(teacher_seed))
     normalisers = primary_normalisers(directory, run, primary_seed, setting)
     components = reward_components(directory, run, setting.device)
-
     clock = StageClock()
     with setting.stage("moral") as on_progress:
         agent = train_moral(
@@ -217,5 +302,12 @@ def read_aligned_summary(path: Path, kind: str) -> dict[str, Any]:
 def _require_fitting(run: MoralRun) -> None:
     """Raise a ValueError if a run's parts do not fit together."""
     spawn_seeds(run.seed, 1)
-    run.teacher.build(run.world.build().objective_names, np.random.default_rng(0))
+    run.teacher.require_fitting(run.world.build().objective_names)
     require_reward_vector(run)
+
+
+def _require_startable(run: MoralRun) -> None:
+    """Raise an error if a run cannot be started, or a reward was learned in another world."""
+    if run.teacher.teacher == RECORDED:
+        raise ValueError("teacher is 'recorded', whose answers moral replay takes from other runs")
+    require_worlds(run)

@@ -198,7 +198,8 @@ def _require_fitting(run: DRLHPRun) -> None:
     """Raise a ValueError if a run's parts do not fit together."""
     spawn_seeds(run.seed, 1)
     world = run.world.build()
-    run.teacher.build(world.objective_names, np.random.default_rng(0))
+    run.teacher.require_simulated("DRLHP")
+    run.teacher.require_fitting(world.objective_names)
     require_fitting(run.config, world)
     if run.teacher.teacher == "target" and clip_length(run.config, world) < world.horizon:
         raise ValueError(

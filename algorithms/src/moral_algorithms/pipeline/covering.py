@@ -234,6 +234,7 @@ def align(directory: RunDirectory, run: AlignRun, setting: Setting, resume: bool
         If something cannot be read or written, or the directory holds another run.
     """
     ask_seed, teacher_seed = spawn_seeds(run.seed, 2)
+    run.teacher.require_simulated("moral align")
     if resume:
         read_align_run(directory)
     covered = RunDirectory(run.covered)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -96,9 +97,19 @@ def require_worlds(run: RewardVector) -> None:
 
 def copy_rewards(directory: RunDirectory, run: RewardVector) -> None:
     """Copy the reward networks into a run's directory, so that it needs nothing else."""
-    for path, copy in zip(run.rewards, _copies(directory, run).values(), strict=True):
-        with atomic_write(copy) as file:
-            file.write((path / _REWARD).read_bytes())
+    _copy_networks((path / _REWARD for path in run.rewards), directory, run)
+
+
+def copy_reward_vector(directory: RunDirectory, source: RunDirectory, run: RewardVector) -> None:
+    """Copy reward networks and known normalisers from the directory of another run with this reward vector.
+
+    Raises
+    ------
+    StorageError
+        If the normalisers are damaged, or something cannot be written.
+    """
+    _copy_networks(_copies(source, run).values(), directory, run)
+    write_json(_normalisers(directory), _read_normalisers(_normalisers(source)))
 
 
 def reward_components(directory: RunDirectory, run: RewardVector, device: str) -> list[RewardComponent]:
@@ -203,6 +214,12 @@ def pursue_alone(
 
 def _normalisers(directory: RunDirectory) -> Path:
     return directory.path / "normalisers.json"
+
+
+def _copy_networks(paths: Iterable[Path], directory: RunDirectory, run: RewardVector) -> None:
+    for path, copy in zip(paths, _copies(directory, run).values(), strict=True):
+        with atomic_write(copy) as file:
+            file.write(path.read_bytes())
 
 
 def _copies(directory: RunDirectory, run: RewardVector) -> dict[str, Path]:

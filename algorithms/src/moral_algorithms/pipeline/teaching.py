@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from moral_algorithms.learners.query_queue import People
 from moral_algorithms.preferences import (
     LexicographicTeacher,
     NoisyTeacher,
@@ -15,13 +16,20 @@ from moral_algorithms.preferences import (
     Teacher,
 )
 
+PEOPLE = ("web", "terminal")
+"""Teachers that are people, by where they answer."""
+
+RECORDED = "recorded"
+"""The teacher of a run that learns once more from recorded answers (`moral replay`)."""
+
 
 @dataclass(frozen=True)
 class TeacherConfig:
-    """Who answers the queries: a simulated teacher that looks at the objectives."""
+    """Who answers the queries: a simulated teacher, who looks at the objectives, or a person."""
 
     teacher: str = "lexicographic"
-    """lexicographic (more of the first objective, on a tie of the next), ratio or target (closer to it)."""
+    """lexicographic (more of the first objective, on a tie of the next), ratio or target (closer to it); or a
+    person, who answers on the web page or in the terminal."""
     order: tuple[str, ...] = ("people_saved", "goal_time")
     """Objectives of the lexicographic teacher, the most important first."""
     ratio: dict[str, float] = field(default_factory=dict)
@@ -29,16 +37,41 @@ class TeacherConfig:
     target: dict[str, float] = field(default_factory=dict)
     """Count of each objective for the target teacher, such as people_saved 6 goal_time 40."""
     noise: float = 0.0
-    """Probability of a random answer."""
+    """Probability of a random answer of a simulated teacher."""
+    repeat_every: int = 0
+    """Every so many-th query to a person repeats an earlier one, sides swapped, to measure consistency."""
+
+    @property
+    def asks_people(self) -> bool:
+        """Whether the teacher is a person."""
+        return self.teacher in PEOPLE
+
+    def require_fitting(self, objective_names: tuple[str, ...]) -> None:
+        """Raise a ValueError if there is no such teacher, or what is given does not suit it or the world."""
+        if self.asks_people or self.teacher == RECORDED:
+            if self.noise:
+                raise ValueError(f"noise is {self.noise}; it must be 0 unless the teacher is simulated")
+            self._refuse_others_options()
+            People(self.repeat_every)
+        else:
+            self.build(objective_names, np.random.default_rng(0))
+
+    def require_simulated(self, method: str) -> None:
+        """Raise a ValueError if the teacher is not simulated, as a method needs."""
+        if self.asks_people or self.teacher == RECORDED:
+            raise ValueError(f"teacher is {self.teacher!r}; for {method} it must be a simulated one")
+
+    def people(self) -> People:
+        """Make the teacher, who is a person."""
+        return People(self.repeat_every)
 
     def build(self, objective_names: tuple[str, ...], rng: np.random.Generator) -> Teacher:
-        """Make the teacher.
+        """Make the teacher, who must be a simulated one.
 
         Raises
         ------
         ValueError
-            If there is no such teacher, an objective is unknown, or a ratio or a target is given to another
-            teacher.
+            If there is no such teacher, an objective is unknown, or an option of another teacher is given.
         """
         teachers: dict[str, Callable[[], Teacher]] = {
             "lexicographic": lambda: LexicographicTeacher(self.order, objective_names),
@@ -46,8 +79,14 @@ class TeacherConfig:
             "target": lambda: TargetTeacher(self.target, objective_names),
         }
         if self.teacher not in teachers:
-            raise ValueError(f"teacher is {self.teacher!r}; it must be one of {', '.join(teachers)}")
+            known = ", ".join((*teachers, *PEOPLE))
+            raise ValueError(f"teacher is {self.teacher!r}; it must be one of {known}")
+        if self.repeat_every:
+            raise ValueError(f"repeat_every is {self.repeat_every}; it must be 0 for a simulated teacher")
+        self._refuse_others_options()
+        return NoisyTeacher(teachers[self.teacher](), self.noise, rng)
+
+    def _refuse_others_options(self) -> None:
         for name, given in (("ratio", self.ratio), ("target", self.target)):
             if given and name != self.teacher:
                 raise ValueError(f"{name} is {given}, but teacher is {self.teacher!r}; it must be {name!r}")
-        return NoisyTeacher(teachers[self.teacher](), self.noise, rng)

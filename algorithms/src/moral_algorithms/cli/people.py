@@ -1,0 +1,105 @@
+"""What commands do that ask people."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import arg
+
+from moral_algorithms import pipeline
+from moral_algorithms.cli.console import Console
+from moral_algorithms.live import launch
+from moral_algorithms.live.session import LiveSession, hold_session
+from moral_algorithms.pipeline import MoralRun
+from moral_algorithms.run_directory import RunDirectory
+from moral_algorithms.storage import StorageError
+
+
+@dataclass(frozen=True)
+class People:
+    """How people answer."""
+
+    who: str = "anonymous"
+    """Who answers; goes into the record."""
+    notice: Path | None = None
+    """Text file that must be accepted on the page before the first question, such as a line of consent."""
+    serving: Annotated[launch.Serving, arg(name="")] = field(default_factory=launch.Serving)
+
+    def read_notice(self) -> str | None:
+        """Read the notice.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be read, or nothing is in it.
+        """
+        if self.notice is None:
+            return None
+        try:
+            text = self.notice.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise ValueError(f"cannot read the notice {self.notice}: {error}") from error
+        if not text:
+            raise ValueError(f"the notice {self.notice} is empty")
+        return text
+
+
+def ask_people(
+    console: Console,
+    directory: RunDirectory,
+    run: MoralRun,
+    setting: pipeline.Setting,
+    resume: bool,
+    people: People,
+) -> dict[str, Any]:
+    """Train in another process while a person answers in this one; returns the run's summary.
+
+    Raises
+    ------
+    ValueError
+        If something does not fit together, or what a page needs is not installed.
+    KeyboardInterrupt
+        If it is interrupted before training has ended.
+    """
+    on_page = run.teacher.teacher == "web"
+    if on_page:
+        launch.require_web()
+    notice = people.read_notice()
+    if resume:
+        directory.require_config({"kind": "train", **run.to_json()})
+    else:
+        pipeline.begin_moral(directory, run, setting)
+    with hold_session(directory.path):
+        session = LiveSession(directory.path, people.who, notice)
+        with launch.training(directory.path, console.print) as trainer:
+            if on_page:
+                with suppress(KeyboardInterrupt):
+                    _serve(console, session, trainer, people)
+            else:
+                from moral_algorithms.live.terminal import answer_in_terminal
+
+                answer_in_terminal(session, trainer.state)
+            ended = trainer.state()
+    if ended == "failed":
+        raise StorageError(f"training has failed: {trainer.failure()}")
+    if ended != "stopped":
+        raise KeyboardInterrupt
+    return pipeline.moral(directory, run, setting, resume=True)
+
+
+def _serve(console: Console, session: LiveSession, trainer: launch.Training, people: People) -> None:
+    from moral_algorithms.live.server import make_app
+
+    def announce(link: str) -> None:
+        console.print(f"Answer here: {link}")
+        console.print("Ctrl-C ends the session; it can be resumed.")
+
+    launch.serve(
+        session.run / "live",
+        people.serving,
+        lambda token, port, hosts: make_app(token, port, hosts, session, trainer=trainer.state),
+        announce,
+    )

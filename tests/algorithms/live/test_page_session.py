@@ -1,0 +1,168 @@
+"""The page on the real server: what is pressed ends in the record, what is shown is what happened."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import uvicorn
+
+from benchmarks.live_person import answer_all, judge, live
+from moral_algorithms.answers import Answers, read_answers
+from moral_algorithms.demonstrations import Demonstrations
+from moral_algorithms.live.frames import start
+from moral_algorithms.live.playing import Plays
+from moral_algorithms.live.server import make_app
+from moral_algorithms.live.session import LiveSession
+from moral_algorithms.query_folder import QueryFolder
+from moral_algorithms.run_directory import read_lines
+from tests.algorithms.cli.commands import AIRL, DEMONSTRATE, EXPERT, TRAIN, run
+from tests.algorithms.live.browser import LAPTOP, browser_or_skip
+from tests.algorithms.live.runs import TOKEN, WORLD, prepare
+from tests.algorithms.tiny import EMERGENCY
+
+KEYS = ("ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", " ", "w", "s", "a", "d")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with browser_or_skip() as running:
+        yield running
+
+
+@contextmanager
+def visited(browser: Any, **parts: Any) -> Iterator[Any]:
+    """A page of the real application, which must not complain."""
+    complaints: list[str] = []
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        port = listening.getsockname()[1]
+        app = make_app(TOKEN, port, frozenset({f"127.0.0.1:{port}"}), **parts)
+        server = uvicorn.Server(
+            uvicorn.Config(app, log_level="warning", ws="none", timeout_graceful_shutdown=1)
+        )
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+        thread.start()
+        try:
+            context = browser.new_context(viewport=LAPTOP, reduced_motion="reduce")
+            page = context.new_page()
+            page.on("pageerror", lambda error: complaints.append(str(error)))
+            page.on("console", lambda message: message.type == "error" and complaints.append(message.text))
+            page.goto(f"http://127.0.0.1:{port}/?token={TOKEN}")
+            yield page
+            context.close()
+        finally:
+            server.should_exit = True
+            thread.join()
+    assert complaints == []
+
+
+def wait_for(page: Any, state: str, query: int | None = None) -> None:
+    page.wait_for_function(
+        """([state, query]) => document.body.dataset.state === state
+            && (query === null || window.moral.drawn().query === query)""",
+        arg=[state, query],
+    )
+
+
+def said(path: Path) -> dict[int, str]:
+    answers: Answers = read_answers(path)
+    return {number: answer.said for number, answer in answers.standing.items()}
+
+
+def test_what_is_pressed_is_what_is_recorded(browser: Any, tmp_path: Path) -> None:
+    run_folder = prepare(tmp_path / "run")
+    with visited(browser, session=LiveSession(run_folder, "ada")) as page:
+        wait_for(page, "question", 0)
+        page.keyboard.press("ArrowLeft")
+        wait_for(page, "question", 1)
+        page.keyboard.press("ArrowDown")
+        wait_for(page, "question", 2)
+        page.keyboard.press("u")
+        wait_for(page, "question", 1)
+        page.keyboard.press("ArrowRight")
+        wait_for(page, "question", 2)
+        page.keyboard.press("x")
+        wait_for(page, "waiting")
+    assert said(run_folder / "queries.jsonl") == {0: "first", 1: "second", 2: "cannot_tell"}
+    assert len(read_lines(run_folder / "queries.jsonl")) == 5
+
+
+def test_what_is_drawn_is_what_the_episodes_were(browser: Any, tmp_path: Path) -> None:
+    run_folder = prepare(tmp_path / "run")
+    asked = QueryFolder(run_folder).read(0)
+    with visited(browser, session=LiveSession(run_folder, "ada")) as page:
+        wait_for(page, "question", 0)
+        page.keyboard.press("Home")
+        engines = [start(WORLD, episode.stream) for episode in asked.episodes]
+        for step in range(WORLD.horizon + 1):
+            drawn = page.evaluate("() => window.moral.drawn()")
+            for side, engine in zip(("left", "right"), engines, strict=True):
+                found = sorted((t["pattern"], t["row"], t["column"]) for t in drawn[side]["things"])
+                planes = dict(zip(WORLD.plane_names, engine.world_planes()[0], strict=True))
+                patterns = {"agent": "agent", "people": "person", "extinguisher": "extinguisher"}
+                assert found == sorted(
+                    (pattern, row, column)
+                    for name, pattern in patterns.items()
+                    for row, column in np.argwhere(planes[name]).tolist()
+                )
+            if step < WORLD.horizon:
+                for episode, engine in zip(asked.episodes, engines, strict=True):
+                    engine.step(episode.actions[step][None])
+                page.keyboard.press(".")
+
+
+def test_three_demonstrations_end_in_the_file(browser: Any, tmp_path: Path) -> None:
+    plays = Plays(EMERGENCY, tmp_path / "saving.npz", 3, "Save as many people as you can.")
+    rng = np.random.default_rng(0)
+    played = rng.integers(len(KEYS), size=(3, WORLD.horizon)).tolist()
+    with visited(browser, plays=plays) as page:
+        for actions in played:
+            for step, action in enumerate(actions):
+                page.wait_for_function(
+                    """step => document.body.dataset.state === "playing"
+                        && window.moral.drawn().step === step""",
+                    arg=step,
+                )
+                page.keyboard.press(KEYS[action])
+            wait_for(page, "review")
+            page.keyboard.press("k")
+        wait_for(page, "enough")
+    kept = Demonstrations.load(tmp_path / "saving.npz", EMERGENCY)
+    assert kept.actions.tolist() == played
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "key"),
+    [
+        ([-1, 20], [-2, 70], "ArrowLeft"),
+        ([0, 30], [0, 40], "ArrowRight"),
+        ([-6, 0], [-6, 0], "ArrowDown"),
+    ],
+)
+def test_the_scripted_person_saves_people_first(left: list[int], right: list[int], key: str) -> None:
+    assert judge(left, right) == key
+
+
+def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:
+    """`benchmarks.live_person` in a world that is learned in seconds, its judgements included."""
+    stages = [tmp_path / name for name in ("expert", "saving.npz", "airl")]
+    assert run(*EXPERT, "--out", stages[0]) == 0
+    assert run(*DEMONSTRATE, "--expert", stages[0], "--out", stages[1]) == 0
+    assert run(*AIRL, "--demonstrations", stages[1], "--out", stages[2]) == 0
+    options = [word for word in TRAIN[1:] if word not in ("--noise", "0.2")]
+    with live(tmp_path / "aligned", "--rewards", stages[2], *options) as link:
+        found = answer_all(browser, link, 3, look=0.3)
+    assert sum(found["answers"].values()) == 3
+    answers = read_answers(tmp_path / "aligned" / "queries.jsonl").standing.values()
+    for answer in answers:
+        goal_time, saved = answer.asked.pair.objectives.T.tolist()
+        order = [(saved[side], goal_time[side]) for side in (0, 1)]
+        expected = "equal" if order[0] == order[1] else "first" if order[0] > order[1] else "second"
+        assert answer.said == expected
+    assert (tmp_path / "aligned" / "policy.safetensors").exists()

@@ -135,7 +135,7 @@ def test_damaged_answers_are_refused(policy: ConditionedPolicy, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"episodes": 1}, "episodes is 1; it must be even"),
+        ({"episodes": 1}, "episodes is 1; it must be at least 2"),
         ({"queries": -1}, "queries is -1; it must be at least 0"),
         ({"lapse": 1.0}, "lapse is 1.0; it must be at least 0 and below 1"),
         ({"prior": "ball", "likelihood": "exponential", "lapse": 0.1}, "lapse is 0.1; it must be 0 with"),

@@ -14,18 +14,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from moral_algorithms.bridge import EngineVecEnv, PrimaryReward, RewardComponent, ScalarisedRewards
 from moral_algorithms.learners.ppo import OnProgress, PPOConfig, learn, make_ppo, standard_callbacks
-from moral_algorithms.networks.conditioned import (
-    RADIUS,
-    ConditionedPolicy,
-    conditioned_space,
-    show_weights,
-)
+from moral_algorithms.networks.conditioned import RADIUS, ConditionedPolicy, conditioned_space
 from moral_algorithms.networks.egocentric import EgocentricCrop
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.worlds import WorldSpec
@@ -124,7 +120,7 @@ class ConditionedRewards(VecEnvWrapper):
     def reset(self) -> NDArray[np.float32]:
         """Start new episodes everywhere, under new weights."""
         self.weights = self._draw(self.num_envs)
-        return show_weights(self._crop, self.venv.reset(), self.weights)
+        return self._observe(self.venv.reset(), self.weights)
 
     def step_wait(self) -> VecEnvStepReturn:
         """Take the step; rewards are those of each environment's own weights."""
@@ -134,14 +130,16 @@ class ConditionedRewards(VecEnvWrapper):
         ended = dones.nonzero()[0]
         if ended.size:
             last = np.stack([infos[row]["terminal_observation"] for row in ended])
-            for row, observation in zip(
-                ended, show_weights(self._crop, last, self.weights[ended]), strict=True
-            ):
+            for row, observation in zip(ended, self._observe(last, self.weights[ended]), strict=True):
                 infos[row]["terminal_observation"] = observation
             # A new array: what somebody has kept of the old weights stays as it is.
             self.weights = self.weights.copy()
             self.weights[ended] = self._draw(ended.size)
-        return show_weights(self._crop, observations, self.weights), rewards, dones, infos
+        return self._observe(observations, self.weights), rewards, dones, infos
+
+    def _observe(self, planes: NDArray[np.uint8], weights: NDArray[np.float32]) -> NDArray[np.float32]:
+        crops = self._crop(torch.from_numpy(planes)).numpy()
+        return np.concatenate([crops, weights], axis=1, dtype=np.float32)
 
 
 def train_covering(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
@@ -147,38 +147,6 @@ class ConditionedPolicy(ActorCriticPolicy):
         policy.load_state_dict(state)
         policy.to(self.device).set_training_mode(False)
         return policy
-
-
-class PolicyPerRow:
-    """Plays every row of a batch under weights of its own.
-
-    Parameters
-    ----------
-    policy
-        The policy for all weights.
-    weights
-        Scalarisation weights, shape (n, d).
-    """
-
-    def __init__(self, policy: ConditionedPolicy, weights: NDArray[np.float32]) -> None:
-        self._policy = policy
-        self._weights = weights
-        self._crop = EgocentricCrop(policy.shape, RADIUS)
-
-    def predict(
-        self, observation: NDArray[np.uint8], *, deterministic: bool = False
-    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
-        """Actions (n,) for observations (n, C, H, W)."""
-        shown = show_weights(self._crop, observation, self._weights)
-        return self._policy.predict(shown, deterministic=deterministic)
-
-
-def show_weights(
-    crop: EgocentricCrop, planes: NDArray[np.uint8], weights: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Make what a :class:`ConditionedPolicy` sees of planes (n, C, H, W) under weights (n, d)."""
-    crops = crop(torch.from_numpy(planes)).numpy()
-    return np.concatenate([crops, weights], axis=1, dtype=np.float32)
 
 
 def conditioned_space(shape: tuple[int, int, int], components: int) -> spaces.Box:

@@ -112,6 +112,9 @@ def test_what_cannot_be_asked_about_takes_one_line(
     assert told(tmp_path / "nowhere").startswith(f"{tmp_path / 'nowhere'} is no run directory")
     assert "not one of moral cover" in told(stages.moral)
     assert "teacher is 'nobody'" in told(covered, "--teacher", "nobody")
+    for teacher in ("web", "terminal", "recorded"):
+        wanted = f"teacher is '{teacher}'; for moral align it must be a simulated one"
+        assert told(covered, "--teacher", teacher) == wanted
     unfinished, damaged = tmp_path / "unfinished", tmp_path / "damaged"
     for copy in (unfinished, damaged):
         shutil.copytree(covered, copy)

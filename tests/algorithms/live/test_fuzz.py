@@ -81,7 +81,7 @@ CHAOS = st.tuples(st.sampled_from(["GET", "POST", "POST", "POST", "PUT", "HEAD"]
 
 
 def sensible(path: str, **fields: st.SearchStrategy[Any]) -> st.SearchStrategy[Request]:
-    """Requests that a page might send, in an order in which it would not."""
+    """Requests that a page might send, but in an order in which it would not, and some malformed."""
     body = st.fixed_dictionaries(fields).map(lambda body: json.dumps(body).encode())
     return st.tuples(st.just(path), st.tuples(st.just("POST"), st.just({}), body))
 
@@ -91,7 +91,7 @@ KEY = st.integers(0, 40).map("key-number-{}".format)
 
 
 def questions() -> st.SearchStrategy[Request]:
-    said = st.sampled_from(["first", "second", "equal", "cannot_tell"])
+    said = st.sampled_from(["first", "second", "equal", "cannot_tell", "both"])
     numbers = st.integers(0, 4)
     return st.one_of(
         sensible("/api/consent", key=KEY),
@@ -106,7 +106,7 @@ def playing(names: st.SearchStrategy[str]) -> st.SearchStrategy[Request]:
     # No new plays: they would push those that are known out of memory.
     steps = st.integers(0, 8)
     return st.one_of(
-        names.flatmap(lambda n: sensible(f"/api/plays/{n}/step", action=steps, step=steps)),
+        names.flatmap(lambda n: sensible(f"/api/plays/{n}/step", action=steps | st.just(99), step=steps)),
         names.flatmap(lambda n: sensible(f"/api/plays/{n}/keep")),
         sensible("/api/plays/none/discard"),
     )

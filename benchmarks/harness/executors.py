@@ -18,6 +18,7 @@ from multiprocessing import forkserver
 from multiprocessing.connection import wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple, Protocol
 
 import torch
@@ -157,7 +158,7 @@ class RayCluster:
         sent = {name.partition(".")[0] for name in (*_SENT, *modules)}
         # Nothing is to be taken from the records, which may be large.
         environment = {
-            "py_modules": [importlib.import_module(name) for name in sorted(sent)],
+            "py_modules": [_sendable(importlib.import_module(name)) for name in sorted(sent)],
             "excludes": ["/results/", "__pycache__/"],
             "env_vars": _ONE_THREAD,
         }
@@ -221,6 +222,13 @@ class RayCluster:
 
 
 _OWN = "benchmarks."
+
+
+def _sendable(module: ModuleType) -> ModuleType | str:
+    """Find what Ray takes of a module; of folders that share a name, the one that is imported first."""
+    folders = list(getattr(module, "__path__", ()))
+    return module if len(folders) < 2 else folders[0]
+
 
 _SENT = ("benchmarks", "moral_algorithms", "moral_envs")
 

@@ -149,7 +149,8 @@ def draw(results: Results) -> Figure:
         axes.set(xlabel="lambda, the weight of the demonstrations", ylabel=name.replace("_", " "))
     saved.set(ylim=(-0.1, 6.4))
     goal.set(ylim=(-2, 102))
-    goal.legend(frameon=False, fontsize=8)
+    if bounds:
+        goal.legend(frameon=False, fontsize=8)
     return figure
 
 

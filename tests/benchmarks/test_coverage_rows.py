@@ -12,7 +12,7 @@ from benchmarks.harness import Benchmark, Results, Run
 from benchmarks.harness.benchmark import verdict
 from benchmarks.rows import d4, e4, p1
 from benchmarks.rows.d4 import CoverageSet, compare
-from benchmarks.stages import Aligned, Weighted
+from benchmarks.stages import Asked, Weighted
 from moral_envs import emergency_v0
 from moral_envs.optimal import coverage_set, seeded_starts
 
@@ -79,7 +79,7 @@ def test_hypervolumes_are_compared_seed_by_seed() -> None:
 
 
 def in_delivery(run: Run) -> dict[str, Any]:
-    if isinstance(run, Aligned):
+    if isinstance(run, Asked):
         help_, clean = run.teacher.ratio.values()
         share, vases = help_ / (help_ + clean), 0.2
     else:
@@ -96,7 +96,7 @@ def in_delivery(run: Run) -> dict[str, Any]:
 
 def test_policies_are_sorted_by_method_and_seed() -> None:
     results = made_up(d4.BENCHMARK, in_delivery)
-    moral, ppo = d4.coverage_sets(results, Aligned), d4.coverage_sets(results, Weighted)
+    moral, ppo = d4.coverage_sets(results, Asked), d4.coverage_sets(results, Weighted)
     assert moral.keys() == ppo.keys() == {0, 1, 2}
     for seed in moral:
         assert moral[seed].collected.shape == ppo[seed].collected.shape == (11, 2)

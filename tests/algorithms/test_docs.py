@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,12 @@ from tests.pages import run_page
 
 def test_the_page_on_stable_baselines3_shows_what_happens() -> None:
     run_page("ecosystem/stable-baselines3.md")
+
+
+def test_the_page_on_people_reads_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Where there are no runs there are no answers to show.
+    monkeypatch.chdir(tmp_path)
+    run_page("live.md")
 
 
 def test_the_code_that_the_page_on_morl_baselines_includes_runs() -> None:

@@ -65,7 +65,6 @@ def environment() -> Iterator[dict[str, str]]:
             # Otherwise Ray would look for a token in the home directory, or leave one there.
             "RAY_AUTH_MODE": "token",
             # However slow the machine is.
-            "RAY_raylet_start_wait_time_s": "3600",
             "RAY_worker_register_timeout_seconds": "3600",
             "RAY_AUTH_TOKEN": secrets.token_hex(32),
             "RAY_USAGE_STATS_ENABLED": "0",

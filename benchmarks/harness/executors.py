@@ -18,7 +18,6 @@ from multiprocessing import forkserver
 from multiprocessing.connection import wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple, Protocol
 
 import torch
@@ -158,7 +157,7 @@ class RayCluster:
         sent = {name.partition(".")[0] for name in (*_SENT, *modules)}
         # Nothing is to be taken from the records, which may be large.
         environment = {
-            "py_modules": [_sendable(importlib.import_module(name)) for name in sorted(sent)],
+            "py_modules": [_location(name) for name in sorted(sent)],
             "excludes": ["/results/", "__pycache__/"],
             "env_vars": _ONE_THREAD,
         }
@@ -173,7 +172,8 @@ class RayCluster:
                 logging_level="error",
                 **(own if address == "local" else {}),
             )
-        except (OSError, ValueError, RuntimeError) as error:
+        # Ray raises whatever it likes, down to a bare Exception.
+        except Exception as error:
             reason = str(error).partition("\n")[0]
             raise UsageError(f"ray is {address!r}, where no cluster answers: {reason}") from error
         self.jobs = jobs or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
@@ -222,13 +222,6 @@ class RayCluster:
 
 
 _OWN = "benchmarks."
-
-
-def _sendable(module: ModuleType) -> ModuleType | str:
-    """Find what Ray takes of a module; of folders that share a name, the one that is imported first."""
-    folders = list(getattr(module, "__path__", ()))
-    return module if len(folders) < 2 else folders[0]
-
 
 _SENT = ("benchmarks", "moral_algorithms", "moral_envs")
 
@@ -298,6 +291,13 @@ def _perform_there(run: Run, commit: str | None, *needed: Files) -> tuple[Files,
         except Exception:
             return {}, traceback.format_exc().strip()
         return _read_files(store, run), None
+
+
+def _location(name: str) -> str:
+    """Find the folder of a package, or the file of a module."""
+    module = importlib.import_module(name)
+    # A package without __init__.py may have several folders; the first is the one that shadows the others.
+    return str(next(iter(module.__path__)) if hasattr(module, "__path__") else module.__file__)
 
 
 def _require_answer(address: str) -> None:

@@ -98,7 +98,8 @@ class Threads(Run):
         return {
             "torch": torch.get_num_threads(),
             "omp": os.environ.get("OMP_NUM_THREADS"),
-            "results": (Path(benchmarks.__path__[0]) / "results").exists(),
+            "package": benchmarks.__path__[0],
+            "results": len(list((Path(benchmarks.__path__[0]) / "results").rglob("*.json"))),
         }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import secrets
 import socket
 import subprocess
 import sys
@@ -61,6 +62,11 @@ def environment() -> Iterator[dict[str, str]]:
             **os.environ,
             "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)]),
             "RAY_TMPDIR": folder,
+            # Otherwise Ray would look for a token in the home directory, or leave one there.
+            "RAY_AUTH_MODE": "token",
+            # However slow the machine is.
+            "RAY_worker_register_timeout_seconds": "3600",
+            "RAY_AUTH_TOKEN": secrets.token_hex(32),
             "RAY_USAGE_STATS_ENABLED": "0",
         }
 
@@ -68,7 +74,7 @@ def environment() -> Iterator[dict[str, str]]:
 def sweep(address: str, out: Path, environment: dict[str, str]) -> dict[str, Any]:
     done = subprocess.run(
         [sys.executable, "-c", SWEEP, str(out), address],
-        cwd=ROOT,
+        cwd=out,
         env=environment,
         capture_output=True,
         text=True,
@@ -83,8 +89,7 @@ def require_done(found: dict[str, Any]) -> None:
     assert found["jobs"] == 2
     assert found["total"] == {"total": 13}
     assert found["files"]
-    # Committed results are not sent along.
-    assert found["threads"] == {"torch": 1, "omp": "1", "results": False}
+    assert (found["threads"]["torch"], found["threads"]["omp"]) == (1, "1")
     ((of_failing, error),) = found["failed"]
     assert of_failing
     assert error.endswith("RuntimeError: it was not to be")
@@ -164,9 +169,10 @@ def test_tasks_are_sent_what_they_read_and_send_back_what_they_leave(
     runs = [Total((shared, Square(3))), Total((shared,)), failing]
     executor = RayCluster(store, "local", modules=["tests.benchmarks"])
     environment = pretended.initialised["runtime_env"]
-    # Where another package brings a folder of this name, it is the folder that is sent.
-    names = [getattr(sent, "__name__", Path(str(sent)).name) for sent in environment["py_modules"]]
-    assert names == ["benchmarks", "moral_algorithms", "moral_envs", "tests"]
+    sent = [Path(path) for path in environment["py_modules"]]
+    assert [path.name for path in sent] == ["benchmarks", "moral_algorithms", "moral_envs", "tests"]
+    assert sent[0] == ROOT / "benchmarks"
+    assert sent[-1] == ROOT / "tests"
     assert executor.jobs == 3
     sweep = Sweep(store, runs)
     sweep.carry_out(executor, lambda sweep: None, lambda outcome: None)
@@ -203,13 +209,11 @@ def test_what_is_running_is_given_free_when_a_cluster_is_left(
 
 
 @needs_ray
-@pytest.mark.skipif("MORAL_TEST_RAY" not in os.environ, reason="starts a cluster: set MORAL_TEST_RAY to try")
 def test_a_cluster_that_is_started_here(tmp_path: Path, environment: dict[str, str]) -> None:
     require_done(sweep("local", tmp_path, environment))
 
 
 @needs_ray
-@pytest.mark.skipif("MORAL_TEST_RAY" not in os.environ, reason="starts a cluster: set MORAL_TEST_RAY to try")
 def test_a_cluster_that_runs_already(tmp_path: Path, environment: dict[str, str]) -> None:
     ray = [sys.executable, "-m", "ray.scripts.scripts"]
     address = f"127.0.0.1:{free_port()}"
@@ -218,7 +222,9 @@ def test_a_cluster_that_runs_already(tmp_path: Path, environment: dict[str, str]
             *(*ray, "start", "--head", "--block", f"--port={address.rpartition(':')[2]}", "--num-cpus=2"),
             *("--num-gpus=0", "--include-dashboard=false", "--node-ip-address=127.0.0.1"),
         ],
-        env=environment,
+        # Like another machine, it is not told where the packages are.
+        env={name: value for name, value in environment.items() if name != "PYTHONPATH"},
+        cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -226,7 +232,11 @@ def test_a_cluster_that_runs_already(tmp_path: Path, environment: dict[str, str]
     try:
         assert head.stdout is not None
         assert any("Ray runtime started" in line for line in head.stdout)
-        require_done(sweep(address, tmp_path, environment))
+        found = sweep(address, tmp_path, environment)
+        require_done(found)
+        # The code is that which was sent, without the committed results.
+        assert Path(found["threads"]["package"]).is_relative_to(environment["RAY_TMPDIR"])
+        assert found["threads"]["results"] == 0
     finally:
         head.terminate()
         head.communicate()

@@ -11,7 +11,6 @@ results file as long as settings and versions are the same, so a run that was st
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -23,12 +22,12 @@ import numpy as np
 import torch
 
 from benchmarks.provenance import provenance
+from benchmarks.runs import finished_runs, store_runs
 from moral_algorithms.learners.drlhp import DRLHPConfig
 from moral_algorithms.networks.files import load_policy
 from moral_algorithms.pipeline import DRLHPRun, Setting, drlhp, drlhp_preset, evaluate
 from moral_algorithms.plotting import THESIS
 from moral_algorithms.run_directory import RunDirectory, read_lines, versions
-from moral_algorithms.storage import write_json
 from moral_algorithms.worlds import WorldSpec
 
 RESULTS = Path(__file__).parent / "results" / "drlhp_emergency.json"
@@ -112,15 +111,6 @@ def table(summaries: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def finished_runs(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Find the runs of an earlier call with the same settings; none if there was no such call."""
-    if not path.exists():
-        return []
-    stored = json.loads(path.read_text())
-    same = all(stored.get(name) == value for name, value in settings.items())
-    return list(stored["runs"]) if same else []
-
-
 def main(options: Sequence[str] | None = None) -> None:
     """Train every agent that is not in the results file yet."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -155,8 +145,7 @@ def main(options: Sequence[str] | None = None) -> None:
                 f"{run['goal_time']:.2f} goal steps, {run['training_seconds']:.0f} s",
                 flush=True,
             )
-            record = {"command": "python -m benchmarks.drlhp_emergency", **settings}
-            write_json(arguments.json, {**record, "summary": summarise(runs), "runs": runs})
+            store_runs(arguments.json, "drlhp_emergency", settings, summarise(runs), runs)
     print(table(summarise(runs)))
 
 

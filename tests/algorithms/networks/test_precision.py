@@ -27,22 +27,29 @@ def _fresh_cache() -> Iterator[None]:
     has_fast_bfloat16.cache_clear()
 
 
-def ask(monkeypatch: pytest.MonkeyPatch, answer: bool | None) -> None:
-    """Let PyTorch answer the question for matrix units, or not know it."""
-    if answer is None:
-        monkeypatch.delattr(torch.cpu, "_is_amx_tile_supported", raising=False)
-    else:
-        monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: answer, raising=False)
+_TILES, _VECTORS = "_is_amx_tile_supported", "_is_avx512_bf16_supported"
 
 
 @pytest.mark.usefixtures("_fresh_cache")
 @pytest.mark.parametrize(
-    ("answer", "dtype"), [(True, torch.bfloat16), (False, torch.float32), (None, torch.float32)]
+    ("answers", "dtype"),
+    [
+        ({_TILES: True, _VECTORS: True}, torch.bfloat16),
+        ({_TILES: False, _VECTORS: True}, torch.bfloat16),
+        ({_TILES: True}, torch.bfloat16),
+        ({_TILES: False, _VECTORS: False}, torch.float32),
+        ({}, torch.float32),
+    ],
 )
-def test_matrix_units_decide(
-    monkeypatch: pytest.MonkeyPatch, answer: bool | None, dtype: torch.dtype
+def test_instructions_decide(
+    monkeypatch: pytest.MonkeyPatch, answers: dict[str, bool], dtype: torch.dtype
 ) -> None:
-    ask(monkeypatch, answer)
+    # A PyTorch that does not know a question has no such function.
+    for question in (_TILES, _VECTORS):
+        if question in answers:
+            monkeypatch.setattr(torch.cpu, question, lambda found=answers[question]: found, raising=False)
+        else:
+            monkeypatch.delattr(torch.cpu, question, raising=False)
     with fast_matmul(CPU):
         product = torch.eye(2) @ torch.eye(2)
     assert product.dtype == dtype

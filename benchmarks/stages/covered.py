@@ -32,8 +32,8 @@ class Covered(Run):
     """How it is trained."""
 
     def needs(self) -> tuple[Run, ...]:
-        """Name the norms and the normalisers."""
-        return (*self.norms, *self.primary)
+        """Name the normalisers and the norms; the short runs come first, beside the experts."""
+        return (*self.primary, *self.norms)
 
     def execute(self, workspace: Workspace) -> dict[str, Any]:
         """Train the policy."""

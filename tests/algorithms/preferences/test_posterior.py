@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -59,8 +60,8 @@ def ball_grid(dim: int) -> tuple[FloatArray, FloatArray]:
     return points, np.zeros(len(points))
 
 
-def rationality_grid(dim: int) -> tuple[FloatArray, FloatArray]:
-    """Uniform weights times a grid of the Gamma distributed rationality (mean 40), each with its log-mass."""
+def rationality_grid(dim: int, concentration: float) -> tuple[FloatArray, FloatArray]:
+    """Dirichlet weights times a grid of Gamma distributed rationalities (mean 40), each with its log-mass."""
     if dim == 2:
         u = midpoints(300)
         weights = np.stack([u, 1 - u], axis=1)
@@ -69,9 +70,11 @@ def rationality_grid(dim: int) -> tuple[FloatArray, FloatArray]:
         u, fraction = (a.ravel() for a in np.meshgrid(np.sqrt(midpoints(40)), midpoints(40)))
         weights = np.stack([1 - u, u * fraction, u * (1 - fraction)], axis=1)
     rationality = midpoints(60, bound=200.0)
-    log_gamma = (dim - 1) * np.log(rationality) - rationality * dim / 40.0
+    shape = dim * concentration
+    log_gamma = (shape - 1) * np.log(rationality) - rationality * shape / 40.0
+    log_dirichlet = (concentration - 1) * np.log(weights).sum(axis=1)
     points = (rationality[:, None, None] * weights).reshape(-1, dim)
-    return points, np.repeat(log_gamma, len(weights))
+    return points, (log_gamma[:, None] + log_dirichlet).ravel()
 
 
 def grid_log_likelihood(points: FloatArray, answers: Answers, likelihood: Likelihood) -> FloatArray:
@@ -95,6 +98,7 @@ CASES: dict[str, tuple[Callable[[int], Prior], Likelihood]] = {
     "ball, proxy": (BallPrior, ExponentialProxy(20.0)),
     "rationality, Bradley-Terry": (RationalityPrior, BradleyTerry()),
     "rationality, lapses": (RationalityPrior, BradleyTerry(lapse=0.1)),
+    "concentrated rationality": (partial(RationalityPrior, concentration=3.0), BradleyTerry()),
 }
 
 
@@ -109,7 +113,9 @@ def test_samplers_agree_with_a_dense_grid(case: str, dim: int, seed: int) -> Non
         posterior.add(returns, preference)
 
     is_ball = isinstance(prior, BallPrior)
-    points, log_mass = (ball_grid if is_ball else rationality_grid)(dim)
+    points, log_mass = (
+        rationality_grid(dim, prior.concentration) if isinstance(prior, RationalityPrior) else ball_grid(dim)
+    )
     log_mass = log_mass + grid_log_likelihood(points, answers, likelihood)
     mass = np.exp(log_mass - log_mass.max())
     mass /= mass.sum()
@@ -232,7 +238,7 @@ def test_an_answer_that_contradicts_all_before_it_is_taken_in() -> None:
     answers = [(clear, Preference.FIRST)] * 20 + [(3 * clear, Preference.SECOND)]
     for returns, preference in answers:
         posterior.add(returns, preference)
-    points, log_mass = rationality_grid(2)
+    points, log_mass = rationality_grid(2, prior.concentration)
     log_mass = log_mass + grid_log_likelihood(points, answers, likelihood)
     mass = np.exp(log_mass - log_mass.max())
     exact = mass @ (points / points.sum(axis=1, keepdims=True)) / mass.sum()

@@ -16,6 +16,7 @@ PRIORS: list[Prior] = [
     RationalityPrior(1, 5.0),
     RationalityPrior(2, 5.0),
     RationalityPrior(4, 5.0),
+    RationalityPrior(3, 5.0, concentration=3.0),
 ]
 priors = pytest.mark.parametrize("prior", PRIORS, ids=str)
 
@@ -40,7 +41,25 @@ def test_rationality_density_is_uniform_weights_and_gamma_rationality() -> None:
     np.testing.assert_allclose(density, expected)
 
 
-@pytest.mark.parametrize(("prior", "bound"), [(BallPrior(2), 1.0), (RationalityPrior(2, 3.0), 60.0)])
+def test_concentrated_rationality_density_is_dirichlet_weights_and_gamma_rationality() -> None:
+    mean, d, concentration = 6.0, 3, 2.5
+    rng = np.random.default_rng(0)
+    weights = rng.dirichlet(np.ones(d), 5)
+    rationality = rng.uniform(0.1, 30.0, 5)
+    shape = d * concentration
+    scale = mean / shape
+    gamma = rationality ** (shape - 1) * np.exp(-rationality / scale) / (math.gamma(shape) * scale**shape)
+    normaliser = math.gamma(shape) / math.gamma(concentration) ** d
+    expected = gamma * normaliser * (weights ** (concentration - 1)).prod(axis=1) / rationality ** (d - 1)
+    prior = RationalityPrior(d, mean, concentration)
+    np.testing.assert_allclose(np.exp(prior.log_density(weights * rationality[:, None])), expected)
+    assert prior.log_density(np.array([[0.0, 1.0, 1.0]])) == -np.inf
+
+
+@pytest.mark.parametrize(
+    ("prior", "bound"),
+    [(BallPrior(2), 1.0), (RationalityPrior(2, 3.0), 60.0), (RationalityPrior(2, 3.0, 2.0), 60.0)],
+)
 def test_densities_integrate_to_one(prior: Prior, bound: float) -> None:
     n = 1000
     axis = (np.arange(n) + 0.5) * bound / n
@@ -58,9 +77,11 @@ def test_draws_follow_the_prior(prior: Prior) -> None:
         for quantile in (0.1, 0.5, 0.9):
             assert (radii < quantile ** (1 / prior.dim)).mean() == pytest.approx(quantile, abs=0.015)
     else:
+        assert isinstance(prior, RationalityPrior)
         rationality = samples.sum(axis=1)
         assert rationality.mean() == pytest.approx(5.0, rel=0.04)
-        assert rationality.var() == pytest.approx(25.0 / prior.dim, rel=0.1)
+        shape = prior.dim * prior.concentration
+        assert rationality.var() == pytest.approx(25.0 / shape, rel=0.1)
         np.testing.assert_allclose((samples / rationality[:, None]).mean(axis=0), 1 / prior.dim, atol=0.01)
     np.testing.assert_allclose(prior.weights(samples), prior.mean_weights(), atol=0.01)
 
@@ -105,6 +126,12 @@ def test_a_zero_sample_counts_as_equal_weights() -> None:
 def test_dim_must_be_positive(prior: type[BallPrior] | type[RationalityPrior]) -> None:
     with pytest.raises(ValueError, match="dim is 0; it must be at least 1"):
         prior(0)
+
+
+@pytest.mark.parametrize("value", [0.99, -3.0, math.inf, math.nan])
+def test_concentration_must_be_at_least_one(value: float) -> None:
+    with pytest.raises(ValueError, match=f"concentration is {value}; it must be at least 1 and finite"):
+        RationalityPrior(2, concentration=value)
 
 
 @pytest.mark.parametrize("value", [0.0, -3.0, math.inf, math.nan])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -19,11 +20,11 @@ from moral_algorithms.preferences import (
     RationalityPrior,
 )
 
-PRIORS: dict[str, type[RationalityPrior] | type[BallPrior]] = {
-    "rationality": RationalityPrior,
-    "ball": BallPrior,
+PRIORS: dict[str, Callable[[int, float], Prior]] = {
+    "rationality": lambda dim, concentration: RationalityPrior(dim, concentration=concentration),
+    "ball": lambda dim, _: BallPrior(dim),
 }
-"""Priors over the weights, by name."""
+"""Priors over the weights by name, made from their number and a concentration."""
 
 LIKELIHOODS: dict[str, Callable[[float, float], Likelihood]] = {
     "bradley_terry": BradleyTerry,
@@ -44,6 +45,8 @@ class InferenceConfig:
     """How: expected_regret, mutual_information, volume_removal or random."""
     prior: str = "rationality"
     """Prior over the weights: rationality (infers the teacher's) or ball (thesis eq. 4.4)."""
+    concentration: float = 1.0
+    """Of the rationality prior's weights: 1 holds all alike, more that every component counts."""
     likelihood: str = "bradley_terry"
     """Likelihood of an answer: bradley_terry (eq. 4.1) or exponential (eq. 4.12)."""
     rationality: float = 20.0
@@ -72,6 +75,10 @@ class InferenceConfig:
             raise ValueError(f"rationality is {self.rationality}; it must be positive")
         if not 0 <= self.lapse < 1:
             raise ValueError(f"lapse is {self.lapse}; it must be at least 0 and below 1")
+        if not (math.isfinite(self.concentration) and self.concentration >= 1):
+            raise ValueError(f"concentration is {self.concentration}; it must be at least 1 and finite")
+        if self.prior == "ball" and self.concentration != 1:
+            raise ValueError(f"concentration is {self.concentration}; it must be 1 with the ball prior")
         if self.likelihood == "exponential" and self.prior != "ball":
             raise ValueError(
                 f"prior is {self.prior!r}; it must be 'ball' with the exponential likelihood, which tells "
@@ -83,7 +90,7 @@ class InferenceConfig:
 
 def make_posterior(config: InferenceConfig, dim: int, rng: np.random.Generator) -> Posterior:
     """Make the posterior over ``dim`` weights that a configuration asks for, before any answer."""
-    prior: Prior = PRIORS[config.prior](dim)
+    prior = PRIORS[config.prior](dim, config.concentration)
     rationality = config.rationality if config.prior == "ball" else 1.0
     likelihood = LIKELIHOODS[config.likelihood](rationality, config.lapse)
     return Posterior(prior, likelihood, SAMPLERS[config.sampler], num_samples=config.samples, rng=rng)

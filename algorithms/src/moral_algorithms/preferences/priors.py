@@ -102,11 +102,12 @@ class BallPrior:
 class RationalityPrior:
     """Prior on v = beta * w: scalarisation weights w and the teacher's rationality beta, inferred together.
 
-    w is uniform on the simplex and, independently of it, beta = |v|_1 is Gamma distributed with shape `dim`
-    and mean `mean_rationality`. With that shape the Jacobian beta**(dim - 1) of (w, beta) -> v cancels, and v
-    has independent exponential components: log p(v) = -|v|_1 / scale - dim * log(scale), scale =
-    mean_rationality / dim. This is linear on the orthant, so the posterior under `BradleyTerry()` is
-    log-concave.
+    w is Dirichlet distributed, Dir(c, ..., c), and, independently of it, beta = |v|_1 is Gamma distributed
+    with shape `dim` * c and mean `mean_rationality`. With that shape the Jacobian beta**(dim - 1) of
+    (w, beta) -> v cancels, and v has independent Gamma components of shape c:
+    log p(v) = sum((c - 1) log v_i - v_i / scale) up to a constant, scale = mean_rationality / (dim * c). This
+    is concave on the orthant for c >= 1, so the posterior under `BradleyTerry()` is log-concave. With c = 1
+    weights are uniform on the simplex, and components exponential.
 
     Parameters
     ----------
@@ -114,33 +115,44 @@ class RationalityPrior:
         Number of reward components.
     mean_rationality : float
         Prior mean of beta, per unit of return.
+    concentration : float
+        c, at least 1. The larger, the surer it is beforehand that no component is to be left out.
     """
 
     dim: int
     mean_rationality: float = 40.0
+    concentration: float = 1.0
 
     def __post_init__(self) -> None:
         _check_dim(self.dim)
         if not (math.isfinite(self.mean_rationality) and self.mean_rationality > 0.0):
             raise ValueError(f"mean_rationality is {self.mean_rationality}; it must be positive and finite")
+        if not (math.isfinite(self.concentration) and self.concentration >= 1.0):
+            raise ValueError(f"concentration is {self.concentration}; it must be at least 1 and finite")
 
     @property
     def scale(self) -> float:
-        """Mean of each component of v."""
-        return self.mean_rationality / self.dim
+        """Scale of each component of v, whose mean is `concentration` times that."""
+        return self.mean_rationality / (self.dim * self.concentration)
 
     def log_density(self, points: FloatArray) -> FloatArray:
-        """Log-density of independent exponential components; -inf outside the orthant."""
+        """Log-density of independent Gamma components; -inf outside the orthant."""
         inside = (points >= 0.0).all(axis=1)
-        return np.where(inside, -points.sum(axis=1) / self.scale - self.dim * math.log(self.scale), -np.inf)
+        power = self.concentration - 1.0
+        constant = self.dim * (math.lgamma(self.concentration) + self.concentration * math.log(self.scale))
+        log_density = -points.sum(axis=1) / self.scale - constant
+        if power > 0.0:
+            with np.errstate(divide="ignore"):
+                log_density += power * np.log(np.maximum(points, 0.0)).sum(axis=1)
+        return np.where(inside, log_density, -np.inf)
 
     def chord(self, points: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Cut the line off where it leaves the orthant; it is infinite on a side where no component falls."""
         return _orthant_chord(points, directions)
 
     def sample(self, num_samples: int, rng: np.random.Generator) -> FloatArray:
-        """Independent exponential components."""
-        return rng.exponential(self.scale, (num_samples, self.dim))
+        """Independent Gamma components."""
+        return rng.gamma(self.concentration, self.scale, (num_samples, self.dim))
 
     def mean_weights(self) -> FloatArray:
         """1 / dim each, by symmetry."""

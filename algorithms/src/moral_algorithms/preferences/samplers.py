@@ -109,7 +109,8 @@ def metropolis(
         if value < least:
             raise ValueError(f"{name} is {value}; it must be at least {least}")
     num_samples, dim = start.shape
-    points = np.zeros((min(num_chains, num_samples), dim))
+    # The origin, but for a prior that has no density where a component is zero.
+    points = np.full((min(num_chains, num_samples), dim), np.finfo(np.float64).tiny)
     log_densities = log_density(points)
     sigma = math.sqrt(start.var(axis=0).mean() + np.finfo(np.float64).tiny)
     num_kept = math.ceil(num_samples / len(points))

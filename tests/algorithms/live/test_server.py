@@ -56,6 +56,7 @@ def test_the_state_says_how_everything_stands(browser: TestClient, run: Path) ->
     state = browser.get("/api/state").json()
     assert state["version"] == 1
     assert (state["mode"], state["run"], state["who"]) == ("answer", str(run), "ada")
+    assert state["names"] == {}
     assert state["world"]["objectives"] == ["goal_time", "people_saved"]
     assert state["world"]["kinds"] == [{"name": "people", "pattern": "person", "symbol": "P"}]
     assert state["queue"]["open"][0] == {"query": 0, "expected": 0.5}

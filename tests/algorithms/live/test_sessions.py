@@ -159,6 +159,10 @@ def test_a_replay_is_the_same_every_time(stages: Stages, tmp_path: Path) -> None
         ),
         (("live", "--teacher", "ratio"), "teacher is 'ratio'; for moral live it must be 'web'"),
         (("live", "--notice", "/nowhere"), "cannot read the notice /nowhere"),
+        (
+            ("live", "--names", "learned_2", "saving"),
+            "names has 'learned_2'; it must be one of extinguish, learned_1",
+        ),
         (("live", "--port", "70000"), "port is 70000; it must be 0 to 65535"),
     ],
 )

@@ -103,6 +103,7 @@ def make_app(
         "mode": "demonstrate" if session is None else "answer",
         "run": str(plays.out if session is None and plays is not None else session.run if session else ""),
         "who": session.who if session is not None else "",
+        "names": None if session is None else session.names,
         "world": describe_world(world),
     }
     nothing = dict.fromkeys(("consent", "trainer", "status", "queue", "curves", "demonstrations"))

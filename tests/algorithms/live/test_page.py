@@ -182,6 +182,23 @@ def test_the_posterior_is_drawn_for_any_number_of_weights(
         assert page.locator("#posterior .sample").count() == (200 if drawing == "triangle" else 0)
 
 
+@pytest.mark.parametrize(
+    ("scene", "state", "shown"),
+    [
+        (scenes.emergency, "question", True),
+        (scenes.waiting, "waiting", True),
+        (scenes.closing, "closing", False),
+        (scenes.finished, "finished", False),
+        (scenes.halted, "halted", False),
+    ],
+)
+def test_nothing_is_said_of_a_next_answer_where_none_comes(
+    visit: Callable[..., Any], scene: Callable[[], StandIn], state: str, shown: bool
+) -> None:
+    with opened(visit, scene(), state) as page:
+        assert page.is_visible("#teach") is shown
+
+
 def test_components_have_the_names_that_people_read(visit: Callable[..., Any]) -> None:
     stand_in = scenes.emergency(components=["extinguish", "learned_1"])
     stand_in.state["names"] = {"extinguish": "fighting the fire", "learned_1": "the expert"}

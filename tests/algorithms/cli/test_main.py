@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -118,3 +119,12 @@ def test_a_value_that_a_configuration_refuses_takes_one_line(
 def test_a_reader_that_has_gone_is_no_error(arguments: list[str], unbuffered: bool) -> None:
     code = "import sys; from moral_algorithms.cli import main; sys.exit(main())"
     assert run_into_closed_pipe([sys.executable, "-c", code, *arguments], unbuffered) == (1, "")
+
+
+def test_ctrl_c_while_python_ends_takes_no_traceback() -> None:
+    code = (
+        "import signal, sys; from moral_algorithms.cli import main\n"
+        "sys.argv[1:] = ['--version']; main(); signal.raise_signal(signal.SIGINT)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")

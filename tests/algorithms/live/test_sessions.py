@@ -97,11 +97,15 @@ def test_a_session_is_killed_and_goes_on_to_its_end(stages: Stages, tmp_path: Pa
             assert browser.post(f"/api/queries/{number}/answer", json=body).status_code == 200
         status = until(browser, lambda state: (state["status"] or {}).get("phase") == "finished")["status"]
         assert (status["answers"], status["progress"]) == (3, 1.0)
-        assert until(browser, lambda state: state["trainer"] != "running")["trainer"] == "stopped"
-        process.send_signal(signal.SIGINT)
-        told, errors = process.communicate()
+        # Ctrl-C as soon as the page says so: a page is open, and the training process may still be ending.
+        with browser.stream("GET", "/api/events") as response:
+            assert next(response.iter_lines()) == "event: state"
+            process.send_signal(signal.SIGINT)
+            told, errors = process.communicate()
         assert (process.returncode, errors) == (0, "")
         assert "Weights after 3 queries" in told
+        assert "the expert" in told
+        assert f"The agent is in {out}" in told
     assert len(read_answers(out / "queries.jsonl").informative) == 3
     assert json.loads((out / "summary.json").read_text())["queries"] == 3
     assert (out / "policy.safetensors").exists()

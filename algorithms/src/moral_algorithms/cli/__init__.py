@@ -8,6 +8,7 @@ seconds to import.
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from importlib.metadata import version
 _STARTED = time.perf_counter()
 
 from moral_algorithms.cli.arguments import BaseCommand, parse  # noqa: E402
-from moral_algorithms.cli.console import Console, end_with_reader  # noqa: E402
+from moral_algorithms.cli.console import Console, end_with_reader, uninterrupted  # noqa: E402
 
 __all__ = ["COMMANDS", "main"]
 
@@ -71,7 +72,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     console = Console(_STARTED if arguments is None else None)
     name, *options = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    return end_with_reader(lambda: _run(name, options, console))
+    status = end_with_reader(lambda: _run(name, options, console))
+    if arguments is None:
+        # All is said and saved; to Ctrl-C while it ends, Python would answer with a traceback.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return status
 
 
 def _run(name: str, options: Sequence[str], console: Console) -> int:
@@ -91,7 +96,9 @@ def _run(name: str, options: Sequence[str], console: Console) -> int:
         command = parse(module.Command, options, f"moral {name}")
         command.execute(console)
     except KeyboardInterrupt:
-        console.error("moral: interrupted" if command is None else f"moral: interrupted; {command.hint}")
+        # Who presses it twice is to read it all the same.
+        with uninterrupted():
+            console.error("moral: interrupted" if command is None else f"moral: interrupted; {command.hint}")
         return 130
     except BrokenPipeError:
         raise

@@ -88,7 +88,7 @@ def ask_people(
     ValueError
         If something does not fit together, or what a page needs is not installed.
     KeyboardInterrupt
-        If it is interrupted before training has ended.
+        If it is interrupted before the agent is saved.
     """
     on_page = run.teacher.teacher == "web"
     if on_page:
@@ -101,18 +101,24 @@ def ask_people(
         pipeline.begin_moral(directory, run, setting)
     with hold_session(directory.path):
         session = LiveSession(directory.path, people.who, notice, names)
-        with launch.training(directory.path, console.print) as trainer:
-            if on_page:
-                with suppress(KeyboardInterrupt):
-                    _serve(console, session, trainer, people)
-            else:
-                from moral_algorithms.live.terminal import answer_in_terminal
 
-                answer_in_terminal(session, trainer.state)
+        def announce_end(text: str) -> None:
+            console.print(f"{text}; Ctrl-C ends the session" if on_page else text)
+
+        with launch.training(directory.path, announce_end) as trainer:
+            # A page is served until Ctrl-C; what that means depends on how far training is by then.
+            with suppress(KeyboardInterrupt):
+                if on_page:
+                    _serve(console, session, trainer, people)
+                else:
+                    from moral_algorithms.live.terminal import answer_in_terminal
+
+                    answer_in_terminal(session, trainer.state)
             ended = trainer.state()
-    if ended == "failed":
-        raise StorageError(f"training has failed: {trainer.failure()}")
-    if ended != "stopped":
+    # Not by the process, which takes a moment to end after the agent is saved.
+    if not directory.summary.exists():
+        if ended == "failed":
+            raise StorageError(f"training has failed: {trainer.failure()}")
         raise KeyboardInterrupt
     return pipeline.moral(directory, run, setting, resume=True)
 

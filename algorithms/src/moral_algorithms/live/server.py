@@ -38,6 +38,8 @@ _OPEN_PATHS = ("/static/page.css", "/static/icon.svg")
 # Seconds between two looks at the run directory, and between two signs of life.
 _LOOK = 0.1
 _HEARTBEAT = 5.0
+# Ends a stream of events, in place of one.
+_END = ""
 _KEY = re.compile(r"[A-Za-z0-9_-]{8,64}")
 _NUMBER = re.compile(r"[0-9]{1,9}")
 _TYPES = {
@@ -137,6 +139,7 @@ def make_app(
         },
         lifespan=lifespan,
     )
+    app.state.feed = feed
     # A path with a slash too many is another path, and unknown.
     app.router.redirect_slashes = False
     return app
@@ -267,6 +270,12 @@ class Feed:
                 self._last[name] = content
         return events
 
+    def close(self) -> None:
+        """End what every listener hears."""
+        for listener in self._listeners:
+            with suppress(asyncio.QueueFull):
+                listener.put_nowait(_END)
+
     async def listen(self) -> AsyncIterator[str]:
         """Yield the whole state and then every change, as server-sent events."""
         queue: asyncio.Queue[str] = asyncio.Queue(maxsize=1000)
@@ -275,9 +284,12 @@ class Feed:
             yield f"event: state\ndata: {json.dumps(await to_thread.run_sync(self.state))}\n\n"
             while True:
                 try:
-                    yield await asyncio.wait_for(queue.get(), _HEARTBEAT)
+                    event = await asyncio.wait_for(queue.get(), _HEARTBEAT)
                 except asyncio.TimeoutError:
-                    yield ": alive\n\n"
+                    event = ": alive\n\n"
+                if event == _END:
+                    return
+                yield event
         finally:
             self._listeners.discard(queue)
 

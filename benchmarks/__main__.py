@@ -19,6 +19,7 @@ from benchmarks.harness.errors import UsageError
 from benchmarks.harness.executors import Executor, LocalProcesses, Outcome, RayCluster
 from benchmarks.harness.report import judge, write_report
 from benchmarks.harness.sweep import Sweep, tell
+from moral_algorithms.cli.console import end_with_reader
 from moral_algorithms.storage import StorageError
 
 RESULTS = Path(__file__).parent / "results"
@@ -30,9 +31,13 @@ def main(options: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        The exit status: 0; 1 if a run has failed; 2 if the command cannot be carried out, for which one line
-        on stderr gives the reason; 130 after Ctrl-C.
+        The exit status: 0; 1 if a run has failed, or the reader of the output has gone, as ``head`` does; 2
+        if the command cannot be carried out, for which one line on stderr gives the reason; 130 after Ctrl-C.
     """
+    return end_with_reader(lambda: _carry_out_command(options))
+
+
+def _carry_out_command(options: Sequence[str] | None) -> int:
     try:
         arguments = _parser().parse_args(options)
         _load(arguments.load)

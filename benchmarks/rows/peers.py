@@ -167,7 +167,8 @@ def draw(results: Results) -> Figure:
             panel.set(ylabel=objective.replace("_", " "), ylim=(0, top))
             panel.set(xlabel="million environment steps" if column == 0 else "seconds of one core")
             panel.set_xlim(left=0)
-            if column == 0:
+            # There is nothing to explain where neither side has results; matplotlib warns of an empty legend.
+            if column == 0 and panel.lines:
                 panel.legend(frameon=False, fontsize=8)
     return figure
 

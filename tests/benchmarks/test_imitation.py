@@ -196,6 +196,13 @@ def test_without_the_peers_nothing_is_compared(folder: Path) -> None:
     assert peers.theirs() == {}
 
 
+def test_a_panel_without_results_stays_empty(folder: Path) -> None:
+    airl = Results(our_results().of(LearnedNorm))
+    figure = peers.draw(airl)
+    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 0, 0, 0, 0]
+    assert [axes.get_legend() is not None for axes in figure.axes] == [True, *[False] * 5]
+
+
 def test_our_curves_are_put_on_the_clock() -> None:
     found = peers.ours(our_results())
     assert sorted(found) == ["1000 preferences", "AIRL, 50 demonstrations", "AIRL, 500 demonstrations"]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import signal
 
 import pytest
 import rich.console
 
-from moral_algorithms.cli.console import Console
+from moral_algorithms.cli.console import Console, uninterrupted
 from moral_algorithms.learners.ppo import Progress
 
 
@@ -35,3 +36,10 @@ def test_in_a_terminal_a_bar_ends_full(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "\x1b" in file.getvalue()
     assert "100%" in file.getvalue()
     assert "queries 2" in file.getvalue()
+
+
+def test_ctrl_c_is_ignored_for_a_moment_and_no_longer() -> None:
+    with uninterrupted():
+        signal.raise_signal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from moral_algorithms.cli import COMMANDS
 from tests.algorithms.cli.commands import only_line, refusal, run
+from tests.closed_output import run_into_closed_pipe
 
 
 @pytest.mark.parametrize("arguments", [[], ["-h"], ["--help"]])
@@ -110,3 +112,19 @@ def test_a_value_that_a_configuration_refuses_takes_one_line(
     assert refusal(capsys, *options, "--ppo.policy", "huge").startswith("policy is 'huge'; it must be one of")
     assert refusal(capsys, *options, "--max-steps", "0") == "max_steps is 0; it must be at least 1"
     assert not out.exists()
+
+
+@pytest.mark.parametrize("unbuffered", [False, True])
+@pytest.mark.parametrize("arguments", [["--help"], ["train", "--help"]])
+def test_a_reader_that_has_gone_is_no_error(arguments: list[str], unbuffered: bool) -> None:
+    code = "import sys; from moral_algorithms.cli import main; sys.exit(main())"
+    assert run_into_closed_pipe([sys.executable, "-c", code, *arguments], unbuffered) == (1, "")
+
+
+def test_ctrl_c_while_python_ends_takes_no_traceback() -> None:
+    code = (
+        "import signal, sys; from moral_algorithms.cli import main\n"
+        "sys.argv[1:] = ['--version']; main(); signal.raise_signal(signal.SIGINT)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")

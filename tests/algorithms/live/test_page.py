@@ -182,6 +182,57 @@ def test_the_posterior_is_drawn_for_any_number_of_weights(
         assert page.locator("#posterior .sample").count() == (200 if drawing == "triangle" else 0)
 
 
+@pytest.mark.parametrize(
+    ("scene", "state", "shown"),
+    [
+        (scenes.emergency, "question", True),
+        (scenes.waiting, "waiting", True),
+        (scenes.closing, "closing", False),
+        (scenes.finished, "finished", False),
+        (scenes.halted, "halted", False),
+    ],
+)
+def test_nothing_is_said_of_a_next_answer_where_none_comes(
+    visit: Callable[..., Any], scene: Callable[[], StandIn], state: str, shown: bool
+) -> None:
+    with opened(visit, scene(), state) as page:
+        assert page.is_visible("#teach") is shown
+
+
+def test_components_have_the_names_that_people_read(visit: Callable[..., Any]) -> None:
+    stand_in = scenes.emergency(components=["extinguish", "learned_1"])
+    stand_in.state["names"] = {"extinguish": "fighting the fire", "learned_1": "the expert"}
+    with opened(visit, stand_in, "question") as page:
+        page.wait_for_selector("#posterior svg")
+        assert "fighting the fire" in page.inner_text("#posterior")
+        assert "the expert" in page.inner_text("#posterior")
+        assert "learned" not in page.inner_text("body")
+
+
+@pytest.mark.parametrize("scene", [scenes.emergency, scenes.delivery, scenes.four_norms])
+@pytest.mark.parametrize("viewport", [LAPTOP, PHONE])
+def test_the_longest_names_fit_into_the_charts(
+    visit: Callable[..., Any], scene: Callable[[], StandIn], viewport: dict[str, int]
+) -> None:
+    stand_in = scene()
+    components = stand_in.state["status"]["components"]
+    stand_in.state["names"] = {name: f"a name of {len(components)} words"[:18] for name in components}
+    with opened(visit, stand_in, "question", viewport=viewport) as page:
+        page.wait_for_selector("#posterior svg text")
+        boxes = page.evaluate(
+            """() => [...document.querySelectorAll("#posterior, #posterior text")].map((element) => {
+                const { left, right, top, bottom } = element.getBoundingClientRect();
+                return [left, right, top, bottom];
+            })"""
+        )
+    (start, end, _, _), *texts = boxes
+    for number, (left, right, top, bottom) in enumerate(texts):
+        assert start - 1 <= left < right <= end + 1
+        for other_left, other_right, other_top, other_bottom in texts[:number]:
+            apart = left >= other_right or right <= other_left or top >= other_bottom or bottom <= other_top
+            assert apart
+
+
 # ---- What is drawn -----------------------------------------------------------------------------------------
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,7 @@ def test_the_state_says_how_everything_stands(browser: TestClient, run: Path) ->
     state = browser.get("/api/state").json()
     assert state["version"] == 1
     assert (state["mode"], state["run"], state["who"]) == ("answer", str(run), "ada")
+    assert state["names"] == {}
     assert state["world"]["objectives"] == ["goal_time", "people_saved"]
     assert state["world"]["kinds"] == [{"name": "people", "pattern": "person", "symbol": "P"}]
     assert state["queue"]["open"][0] == {"query": 0, "expected": 0.5}
@@ -250,7 +252,7 @@ def test_events_begin_with_the_state(run: Path) -> None:
 
 def test_nothing_is_served_without_the_token(run: Path) -> None:
     with client(LiveSession(run, "ada"), enter=False) as stranger:
-        for path in ("/", "/static/page.js", "/api/state", "/api/events", "/nowhere"):
+        for path in ("/static/page.js", "/static/index.html", "/api/state", "/api/events", "/nowhere"):
             refused = stranger.get(path)
             assert (refused.status_code, refused.json()["error"]) == (401, "token"), path
         assert stranger.post("/api/stop", json={}).status_code == 401
@@ -259,6 +261,21 @@ def test_nothing_is_served_without_the_token(run: Path) -> None:
         stranger.cookies["moral_8765"] = "wrong"
         assert stranger.get("/api/state").status_code == 401
     assert not (run / "live" / "stop.json").exists()
+
+
+@pytest.mark.parametrize("query", [{}, {"token": "wrong"}, {"token": ""}])
+def test_who_comes_without_the_link_is_told_what_to_do(run: Path, query: dict[str, str]) -> None:
+    with client(LiveSession(run, "ada"), enter=False) as stranger:
+        refused = stranger.get("/", params=query)
+        assert (refused.status_code, refused.headers["content-type"]) == (401, "text/html; charset=utf-8")
+        assert "link that the terminal shows" in refused.text
+        assert not any(secret in refused.text for secret in (TOKEN, str(run), "ada", "8765"))
+        assert "set-cookie" not in refused.headers
+        # Nothing but its own style sheet and icon is needed to show it, and nothing else is to be had.
+        links = re.findall(r'(?:href|src)="([^"]+)"', refused.text)
+        assert set(links) == {"static/page.css", "static/icon.svg"}
+        assert {stranger.get(f"/{link}").status_code for link in links} == {200}
+        assert stranger.post("/", json={}).json()["error"] == "token"
 
 
 def test_the_link_sets_a_cookie_that_no_script_and_no_other_site_can_use(run: Path) -> None:
@@ -354,9 +371,11 @@ def test_methods_are_those_of_the_protocol(browser: TestClient) -> None:
         assert (refused.status_code, refused.json()["error"]) == (405, "method")
 
 
-def test_every_response_forbids_what_comes_from_elsewhere(browser: TestClient) -> None:
-    for path in ("/", "/api/state", "/nowhere"):
-        headers = browser.get(path).headers
+@pytest.mark.parametrize("enter", [True, False])
+def test_every_response_forbids_what_comes_from_elsewhere(run: Path, enter: bool) -> None:
+    with client(LiveSession(run, "ada"), enter=enter) as browser:
+        responses = [browser.get(path) for path in ("/", "/api/state", "/nowhere")]
+    for headers in (response.headers for response in responses):
         assert headers["cache-control"] == "no-store"
         assert "default-src 'self'" in headers["content-security-policy"]
         assert headers["x-content-type-options"] == "nosniff"

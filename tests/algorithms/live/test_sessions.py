@@ -97,11 +97,15 @@ def test_a_session_is_killed_and_goes_on_to_its_end(stages: Stages, tmp_path: Pa
             assert browser.post(f"/api/queries/{number}/answer", json=body).status_code == 200
         status = until(browser, lambda state: (state["status"] or {}).get("phase") == "finished")["status"]
         assert (status["answers"], status["progress"]) == (3, 1.0)
-        assert until(browser, lambda state: state["trainer"] != "running")["trainer"] == "stopped"
-        process.send_signal(signal.SIGINT)
-        told, errors = process.communicate()
+        # Ctrl-C as soon as the page says so: a page is open, and the training process may still be ending.
+        with browser.stream("GET", "/api/events") as response:
+            assert next(response.iter_lines()) == "event: state"
+            process.send_signal(signal.SIGINT)
+            told, errors = process.communicate()
         assert (process.returncode, errors) == (0, "")
         assert "Weights after 3 queries" in told
+        assert "the expert" in told
+        assert f"The agent is in {out}" in told
     assert len(read_answers(out / "queries.jsonl").informative) == 3
     assert json.loads((out / "summary.json").read_text())["queries"] == 3
     assert (out / "policy.safetensors").exists()
@@ -159,6 +163,10 @@ def test_a_replay_is_the_same_every_time(stages: Stages, tmp_path: Path) -> None
         ),
         (("live", "--teacher", "ratio"), "teacher is 'ratio'; for moral live it must be 'web'"),
         (("live", "--notice", "/nowhere"), "cannot read the notice /nowhere"),
+        (
+            ("live", "--names", "learned_2", "saving"),
+            "names has 'learned_2'; it must be one of extinguish, learned_1",
+        ),
         (("live", "--port", "70000"), "port is 70000; it must be 0 to 65535"),
     ],
 )

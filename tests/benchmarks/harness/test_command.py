@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +14,7 @@ from benchmarks import rows
 from benchmarks.__main__ import main
 from benchmarks.harness import Run, Store
 from tests.benchmarks.harness.runs import Failing, Square, Total, Written, benchmark
+from tests.closed_output import run_into_closed_pipe
 
 Capture = pytest.CaptureFixture[str]
 
@@ -148,3 +150,9 @@ def test_modules_of_the_current_folder_are_loaded(
     assert capsys.readouterr().out.startswith("loaded\nX2")
     with pytest.raises(ModuleNotFoundError, match="nothing_of_the_kind"):
         main(["list", "X2", "--load", "a_learner_in_need", "--out", str(tmp_path)])
+
+
+@pytest.mark.parametrize("unbuffered", [False, True])
+def test_a_reader_that_has_gone_is_no_error(unbuffered: bool) -> None:
+    command = [sys.executable, "-m", "benchmarks", "list", "--profile", "smoke"]
+    assert run_into_closed_pipe(command, unbuffered) == (1, "")

@@ -8,6 +8,7 @@ seconds to import.
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from importlib.metadata import version
 _STARTED = time.perf_counter()
 
 from moral_algorithms.cli.arguments import BaseCommand, parse  # noqa: E402
-from moral_algorithms.cli.console import Console  # noqa: E402
+from moral_algorithms.cli.console import Console, end_with_reader, uninterrupted  # noqa: E402
 
 __all__ = ["COMMANDS", "main"]
 
@@ -61,7 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         Exit status: 0; 2 after bad input, unknown, missing or malformed options, or where a file cannot be
-        read or written, which one line on stderr explains; 130 after an interruption.
+        read or written, which one line on stderr explains; 130 after an interruption; 1 where the reader of
+        its output has gone, as ``head`` does.
 
     Raises
     ------
@@ -70,6 +72,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     console = Console(_STARTED if arguments is None else None)
     name, *options = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    status = end_with_reader(lambda: _run(name, options, console))
+    if arguments is None:
+        # All is said and saved; to Ctrl-C while it ends, Python would answer with a traceback.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return status
+
+
+def _run(name: str, options: Sequence[str], console: Console) -> int:
     if name in ("-h", "--help"):
         width = max(map(len, COMMANDS))
         lines = "\n".join(f"  {command:{width}}  {text}" for command, text in COMMANDS.items())
@@ -86,8 +96,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = parse(module.Command, options, f"moral {name}")
         command.execute(console)
     except KeyboardInterrupt:
-        console.error("moral: interrupted" if command is None else f"moral: interrupted; {command.hint}")
+        # Who presses it twice is to read it all the same.
+        with uninterrupted():
+            console.error("moral: interrupted" if command is None else f"moral: interrupted; {command.hint}")
         return 130
+    except BrokenPipeError:
+        raise
     except (ValueError, OSError) as error:
         console.error(f"moral: error: {error}")
         return 2

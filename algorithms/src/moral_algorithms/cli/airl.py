@@ -61,6 +61,8 @@ class Command(BaseCommand):
     @property
     def hint(self) -> str:
         """How to go on after an interruption."""
+        if RunDirectory(self.out).summary.exists():
+            return f"the run is finished; the reward network is in {self.out}"
         return f"no reward network is saved in {self.out}; start again"
 
     def execute(self, console: Console) -> None:

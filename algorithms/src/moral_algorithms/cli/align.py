@@ -68,6 +68,8 @@ class Command(BaseCommand):
         directory = RunDirectory(self.out)
         if not directory.config.exists():
             return "nothing was started"
+        if directory.summary.exists():
+            return f"the run is finished; the agent is in {self.out}"
         try:
             answered = len(read_answers(directory.queries).informative)
         except StorageError as error:

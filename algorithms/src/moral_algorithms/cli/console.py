@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -108,6 +110,36 @@ class Console:
         yield show
         self.print(f"{title:{_TITLE_WIDTH}} done in {time.perf_counter() - started:.1f} s")
         sys.stdout.flush()
+
+
+def end_with_reader(command: Callable[[], int]) -> int:
+    """Carry out a command whose output may be read in part only, as by ``head``.
+
+    Returns
+    -------
+    int
+        The command's exit status; 1, and nothing is said, where the reader of its output has gone.
+    """
+    try:
+        try:
+            return command()
+        finally:
+            # Here a failure can be caught; when Python itself does it at its end, it cannot.
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # What is still buffered goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ignore Ctrl-C until the block ends, which must not take long."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _describe_objectives(objectives: Mapping[str, float]) -> str:

@@ -17,6 +17,9 @@ from moral_algorithms.pipeline import MoralRun
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.storage import StorageError
 
+# Characters that the page has room for beside its charts.
+_LONGEST_NAME = 18
+
 
 @dataclass(frozen=True)
 class People:
@@ -26,7 +29,30 @@ class People:
     """Who answers; goes into the record."""
     notice: Path | None = None
     """Text file that must be accepted on the page before the first question, such as a line of consent."""
+    names: dict[str, str] = field(default_factory=dict)
+    """What people read for components of the reward vector, such as learned_1 "saving people"; a learned one
+    without is the expert, or expert 1, expert 2, ..."""
     serving: Annotated[launch.Serving, arg(name="")] = field(default_factory=launch.Serving)
+
+    def name_components(self, run: MoralRun) -> dict[str, str]:
+        """Find what people read for each component of the reward vector.
+
+        Raises
+        ------
+        ValueError
+            If a name is given to what is no component, or does not fit beside a chart.
+        """
+        components = pipeline.component_names(run)
+        for component, name in self.names.items():
+            if component not in components:
+                raise ValueError(f"names has {component!r}; it must be one of {', '.join(components)}")
+            if not 0 < len(name.strip()) <= _LONGEST_NAME:
+                raise ValueError(
+                    f"the name of {component} is {name!r}; it must have 1 to {_LONGEST_NAME} characters"
+                )
+        learned = components[len(run.primary) :]
+        experts = ["the expert"] if len(learned) == 1 else [f"expert {i + 1}" for i in range(len(learned))]
+        return {**dict(zip(components, (*run.primary, *experts), strict=True)), **self.names}
 
     def read_notice(self) -> str | None:
         """Read the notice.
@@ -62,30 +88,37 @@ def ask_people(
     ValueError
         If something does not fit together, or what a page needs is not installed.
     KeyboardInterrupt
-        If it is interrupted before training has ended.
+        If it is interrupted before the agent is saved.
     """
     on_page = run.teacher.teacher == "web"
     if on_page:
         launch.require_web()
     notice = people.read_notice()
+    names = people.name_components(run)
     if resume:
         directory.require_config({"kind": "train", **run.to_json()})
     else:
         pipeline.begin_moral(directory, run, setting)
     with hold_session(directory.path):
-        session = LiveSession(directory.path, people.who, notice)
-        with launch.training(directory.path, console.print) as trainer:
-            if on_page:
-                with suppress(KeyboardInterrupt):
-                    _serve(console, session, trainer, people)
-            else:
-                from moral_algorithms.live.terminal import answer_in_terminal
+        session = LiveSession(directory.path, people.who, notice, names)
 
-                answer_in_terminal(session, trainer.state)
+        def announce_end(text: str) -> None:
+            console.print(f"{text}; Ctrl-C ends the session" if on_page else text)
+
+        with launch.training(directory.path, announce_end) as trainer:
+            # A page is served until Ctrl-C; what that means depends on how far training is by then.
+            with suppress(KeyboardInterrupt):
+                if on_page:
+                    _serve(console, session, trainer, people)
+                else:
+                    from moral_algorithms.live.terminal import answer_in_terminal
+
+                    answer_in_terminal(session, trainer.state)
             ended = trainer.state()
-    if ended == "failed":
-        raise StorageError(f"training has failed: {trainer.failure()}")
-    if ended != "stopped":
+    # Not by the process, which takes a moment to end after the agent is saved.
+    if not directory.summary.exists():
+        if ended == "failed":
+            raise StorageError(f"training has failed: {trainer.failure()}")
         raise KeyboardInterrupt
     return pipeline.moral(directory, run, setting, resume=True)
 

@@ -50,6 +50,8 @@ class Command(BaseCommand):
         """How to go on after an interruption."""
         if self.out is None or not RunDirectory(self.out).config.exists():
             return "start again"
+        if RunDirectory(self.out).summary.exists():
+            return f"the run is finished; the agent is in {self.out}"
         return pipeline.how_to_resume(RunDirectory(self.out), "train")
 
     def execute(self, console: Console) -> None:

@@ -106,6 +106,8 @@ class Command(BaseCommand):
         directory = RunDirectory(self.out)
         if not directory.config.exists():
             return "nothing was started"
+        if directory.summary.exists():
+            return f"the run is finished; the agent is in {self.out}"
         try:
             answered = len(read_answers(directory.queries).informative)
         except StorageError as error:
@@ -150,6 +152,7 @@ class Command(BaseCommand):
         if finished:
             console.print(f"The run in {self.out} was finished before.")
         console.objectives("last episodes", summary["objectives"])
-        rows = [(name, f"{weight:.3f}") for name, weight in summary["weights"].items()]
+        names = self.people.name_components(run) if self.teacher.asks_people else {}
+        rows = [(names.get(name, name), f"{weight:.3f}") for name, weight in summary["weights"].items()]
         console.table(f"Weights after {summary['queries']} queries", ("component", "weight"), rows)
         console.print(f"The agent is in {self.out}; measure it with moral evaluate, see it with moral watch.")

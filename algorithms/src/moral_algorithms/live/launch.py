@@ -100,8 +100,10 @@ class Training:
         with contextlib.suppress(OSError):
             self._process.stdin.close()
         try:
-            self._process.wait(_GRACE)
-        except subprocess.TimeoutExpired:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_GRACE)
+        finally:
+            # Also if Ctrl-C is pressed again meanwhile: what is then told of the run must stay true.
             self._process.kill()
             self._process.wait()
 
@@ -123,9 +125,8 @@ def training(run: Path, announce: Callable[[str], None]) -> Iterator[Training]:
     def watch() -> None:
         state = process.wait()
         if not ending.is_set():
-            announce(
-                "Training has ended." if state == "stopped" else f"Training has failed: {process.failure()}"
-            )
+            stopped = f"Training has ended; the agent is in {run}"
+            announce(stopped if state == "stopped" else f"Training has failed: {process.failure()}")
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
@@ -188,12 +189,18 @@ def serve(
             date_header=False,
             ws="none",
             lifespan="on",
-            # Pages hold their stream of events open for ever.
             timeout_graceful_shutdown=1,
         )
+
+        class Server(uvicorn.Server):
+            async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+                # It waits for what is still being sent, and pages hold their streams of events open for ever.
+                app.state.feed.close()
+                await super().shutdown(sockets)
+
         name = f"[{serving.host}]" if ":" in serving.host else serving.host
         announce(f"http://{name}:{port}/?token={token}")
-        uvicorn.Server(config).run(sockets=[listening])
+        Server(config).run(sockets=[listening])
 
 
 def _open_port(serving: Serving, known: int | None) -> socket.socket:

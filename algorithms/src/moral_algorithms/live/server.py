@@ -33,9 +33,13 @@ PROTOCOL_VERSION = 1
 MAX_BODY = 4096
 """Bytes of a request's body."""
 
+# Files of the package that the page for those without the token needs; they tell nothing of a session.
+_OPEN_PATHS = ("/static/page.css", "/static/icon.svg")
 # Seconds between two looks at the run directory, and between two signs of life.
 _LOOK = 0.1
 _HEARTBEAT = 5.0
+# Ends a stream of events, in place of one.
+_END = ""
 _KEY = re.compile(r"[A-Za-z0-9_-]{8,64}")
 _NUMBER = re.compile(r"[0-9]{1,9}")
 _TYPES = {
@@ -101,6 +105,7 @@ def make_app(
         "mode": "demonstrate" if session is None else "answer",
         "run": str(plays.out if session is None and plays is not None else session.run if session else ""),
         "who": session.who if session is not None else "",
+        "names": None if session is None else session.names,
         "world": describe_world(world),
     }
     nothing = dict.fromkeys(("consent", "trainer", "status", "queue", "curves", "demonstrations"))
@@ -134,6 +139,7 @@ def make_app(
         },
         lifespan=lifespan,
     )
+    app.state.feed = feed
     # A path with a slash too many is another path, and unknown.
     app.router.redirect_slashes = False
     return app
@@ -194,13 +200,17 @@ class Guard:
         if origin is not None and origin.partition("://")[2] not in self._hosts:
             return _error(403, "origin", "the request comes from another site")
         offered = request.query_params.get("token")
-        if request.url.path == "/" and request.method == "GET" and offered is not None:
+        path = request.url.path if request.method == "GET" else ""
+        if path == "/" and offered is not None:
             if not self._is_token(offered):
-                return _error(401, "token", "this link belongs to another session; take the one just printed")
+                return _asset("closed.html", 401)
             redirect = RedirectResponse("/", status_code=303)
             redirect.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
             return redirect
-        if not self._is_token(request.cookies.get(self._cookie, "")):
+        if path not in _OPEN_PATHS and not self._is_token(request.cookies.get(self._cookie, "")):
+            # A person opens the page, programs everything else.
+            if path == "/":
+                return _asset("closed.html", 401)
             return _error(401, "token", "open the link that was printed when the session started")
         if request.method == "POST":
             kind = headers.get("content-type", "").partition(";")[0].strip().lower()
@@ -260,6 +270,12 @@ class Feed:
                 self._last[name] = content
         return events
 
+    def close(self) -> None:
+        """End what every listener hears."""
+        for listener in self._listeners:
+            with suppress(asyncio.QueueFull):
+                listener.put_nowait(_END)
+
     async def listen(self) -> AsyncIterator[str]:
         """Yield the whole state and then every change, as server-sent events."""
         queue: asyncio.Queue[str] = asyncio.Queue(maxsize=1000)
@@ -268,9 +284,12 @@ class Feed:
             yield f"event: state\ndata: {json.dumps(await to_thread.run_sync(self.state))}\n\n"
             while True:
                 try:
-                    yield await asyncio.wait_for(queue.get(), _HEARTBEAT)
+                    event = await asyncio.wait_for(queue.get(), _HEARTBEAT)
                 except asyncio.TimeoutError:
-                    yield ": alive\n\n"
+                    event = ": alive\n\n"
+                if event == _END:
+                    return
+                yield event
         finally:
             self._listeners.discard(queue)
 
@@ -352,14 +371,14 @@ async def _static(request: Request) -> Response:
     return _asset(request.path_params["name"])
 
 
-def _asset(name: str) -> Response:
+def _asset(name: str, status: int = 200) -> Response:
     """Serve one of the files that lie in the package's folder; nothing outside it has such a name."""
     folder = resources.files("moral_algorithms.live") / "static"
     found = {file.name: file for file in folder.iterdir() if file.is_file()} if folder.is_dir() else {}
     suffix = name[name.rfind(".") :]
     if name not in found or suffix not in _TYPES:
         raise Refusal(404, "unknown", "there is no such file")
-    return Response(found[name].read_bytes(), media_type=_TYPES[suffix])
+    return Response(found[name].read_bytes(), status, media_type=_TYPES[suffix])
 
 
 async def _state(feed: Feed, request: Request) -> Response:

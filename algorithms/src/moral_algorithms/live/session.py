@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,8 @@ class LiveSession:
         Who answers.
     notice
         What must be accepted before the first question; None: nothing.
+    names
+        What people read for components of the reward vector, by component.
 
     Raises
     ------
@@ -62,12 +64,15 @@ class LiveSession:
         If something in the directory is missing or damaged.
     """
 
-    def __init__(self, run: Path, who: str, notice: str | None = None) -> None:
+    def __init__(
+        self, run: Path, who: str, notice: str | None = None, names: Mapping[str, str] | None = None
+    ) -> None:
         directory = RunDirectory(run)
         config = directory.read_config()
         self.run = run
         self.who = who
         self.notice = notice
+        self.names = dict(names or {})
         self.world = WorldSpec.from_json(config.get("world")).build()
         self._queries = int(config["moral"]["queries"])
         self._directory = directory

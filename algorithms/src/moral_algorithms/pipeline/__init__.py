@@ -15,7 +15,12 @@ from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
 from moral_algorithms.pipeline.presets import airl_config, expert_config
 from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
-from moral_algorithms.pipeline.reward_vector import normaliser_config, reward_components, world_of_rewards
+from moral_algorithms.pipeline.reward_vector import (
+    component_names,
+    normaliser_config,
+    reward_components,
+    world_of_rewards,
+)
 from moral_algorithms.pipeline.stage import Setting
 from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.seeding import spawn_seeds
@@ -34,6 +39,7 @@ __all__ = [
     "begin_moral",
     "begin_replay",
     "changes_since_start",
+    "component_names",
     "cover",
     "demonstrate",
     "drlhp",

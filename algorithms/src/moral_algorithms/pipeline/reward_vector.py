@@ -95,6 +95,11 @@ def require_worlds(run: RewardVector) -> None:
             raise StorageError(f"{path} was learned in {found.to_json()}; it must be {run.world.to_json()}")
 
 
+def component_names(run: RewardVector) -> tuple[str, ...]:
+    """List the components of a run's reward vector: the primary ones, then learned_1 and so on."""
+    return (*run.primary, *_learned_names(run))
+
+
 def copy_rewards(directory: RunDirectory, run: RewardVector) -> None:
     """Copy the reward networks into a run's directory, so that it needs nothing else."""
     _copy_networks((path / _REWARD for path in run.rewards), directory, run)
@@ -224,5 +229,8 @@ def _copy_networks(paths: Iterable[Path], directory: RunDirectory, run: RewardVe
 
 def _copies(directory: RunDirectory, run: RewardVector) -> dict[str, Path]:
     """Where a run keeps its reward networks, by the names of their components."""
-    names = [f"learned_{number}" for number in range(1, len(run.rewards) + 1)]
-    return {name: directory.path / f"{name}.safetensors" for name in names}
+    return {name: directory.path / f"{name}.safetensors" for name in _learned_names(run)}
+
+
+def _learned_names(run: RewardVector) -> list[str]:
+    return [f"learned_{number}" for number in range(1, len(run.rewards) + 1)]

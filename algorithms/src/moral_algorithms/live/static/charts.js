@@ -14,6 +14,9 @@ function svg(tag, attributes, ...children) {
 /** Width of a chart of the posterior, in its own units, and its least height. */
 const [WIDTH, LEAST] = [320, 150];
 
+/** About how wide a text is, in the same units. */
+const wide = (text) => 7 * text.length;
+
 const line = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
 const percent = (part) => `${Math.round(100 * part)} %`;
 const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
@@ -97,6 +100,8 @@ function triangle(names, samples, weights, height) {
   );
   const [x, y] = place(weights);
   const text = (i) => `${plain(names[i])} ${percent(weights[i])}`;
+  // Beyond the corners, but never over each other.
+  const start = (i) => Math.max(0, Math.min(corners[0][0] - 40, width / 2 - 6 - wide(text(i))));
   return svg(
     "svg",
     { viewBox: `0 0 ${width} ${height}`, class: "triangle", "aria-hidden": "true" },
@@ -107,14 +112,15 @@ function triangle(names, samples, weights, height) {
       return svg("circle", { class: "sample", cx: cx.toFixed(1), cy: cy.toFixed(1), r: 2.2 });
     }),
     svg("path", { class: "pin", d: `M${x} ${y - 7}l7 7l-7 7l-7 -7z` }),
-    label(corners[0][0] - 40, height - 8, text(0), "start"),
-    label(corners[1][0] + 40, height - 8, text(1), "end"),
-    label(width / 2 + 12, corners[2][1] + 8, text(2), "start"),
+    label(start(0), height - 8, text(0), "start"),
+    label(width - start(1), height - 8, text(1), "end"),
+    label(Math.min(width / 2 + 12, width - wide(text(2))), corners[2][1] + 8, text(2), "start"),
   );
 }
 
 function intervals(names, samples, weights, height) {
-  const [width, left, right] = [WIDTH, 104, 272];
+  const [width, right] = [WIDTH, 272];
+  const left = 10 + Math.max(94, ...names.map(wide));
   const row = height / names.length;
   const most = Math.max(0.05, ...samples.map((sample) => Math.max(...sample)));
   const at = (share) => left + ((right - left) * share) / most;

@@ -36,7 +36,7 @@ export class Panel {
   }
 
   #draw() {
-    const { status, queue, curves, world } = this.state;
+    const { status, queue, curves, world, names } = this.state;
     this.drawn = true;
     if (queue) {
       drawBeads($("#beads"), queue.answered, queue.queries);
@@ -44,7 +44,10 @@ export class Panel {
       $("#of").textContent = ` of ${queue.queries}`;
       drawTeaching($("#teach"), queue.open[0]?.expected ?? null, status?.advice?.threshold ?? null);
     }
-    if (status?.samples?.length > 0) drawPosterior($("#posterior"), status.components, status.samples, status.weights);
+    if (status?.samples?.length > 0) {
+      const read = status.components.map((component) => names?.[component] ?? component);
+      drawPosterior($("#posterior"), read, status.samples, status.weights);
+    }
     if (curves) drawCurves($("#curves"), world.objectives, curves);
     if (status) {
       const percent = Math.round(100 * status.progress);

@@ -15,7 +15,7 @@ from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
 from moral_algorithms.pipeline.presets import airl_config, expert_config
 from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
-from moral_algorithms.pipeline.reward_vector import normaliser_config, reward_components, world_of_rewards
+from moral_algorithms.pipeline.reward_vector import choose_world, normaliser_config, reward_components
 from moral_algorithms.pipeline.stage import Setting
 from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.seeding import spawn_seeds
@@ -34,6 +34,7 @@ __all__ = [
     "begin_moral",
     "begin_replay",
     "changes_since_start",
+    "choose_world",
     "cover",
     "demonstrate",
     "drlhp",
@@ -51,5 +52,4 @@ __all__ = [
     "read_setting",
     "reward_components",
     "spawn_seeds",
-    "world_of_rewards",
 ]

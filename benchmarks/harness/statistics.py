@@ -66,6 +66,18 @@ def stratified_interval(
     return float(low), float(high)
 
 
+def mean_with_interval(groups: Sequence[Sequence[float]]) -> tuple[float, float, float]:
+    """Mean over all values of some groups, then low and high of its :func:`stratified_interval`."""
+    low, high = stratified_interval(groups, statistic=lambda values: float(values.mean()))
+    return float(np.concatenate([np.asarray(group) for group in groups]).mean()), low, high
+
+
+def write_mean(groups: Sequence[Sequence[float]]) -> str:
+    """Write what :func:`mean_with_interval` finds."""
+    mean, low, high = mean_with_interval(groups)
+    return f"{mean:.4f}, 95 % interval {low:.4f} to {high:.4f}"
+
+
 def spread(values: Sequence[float], digits: int = 2) -> str:
     """Write mean, standard deviation and range over runs."""
     array = np.asarray(values, dtype=np.float64)

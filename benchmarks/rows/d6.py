@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
-from benchmarks.harness.statistics import spread, stratified_interval
+from benchmarks.harness.statistics import spread, write_mean
 from benchmarks.rows.drawing import panels
 from benchmarks.rows.ratios import ALL_RATIOS, collected, deviation, projections, three_rewards
 from benchmarks.stages import Asked
@@ -30,15 +30,13 @@ def judge(results: Results) -> list[Check]:
     for run, result in results.of(Asked):
         groups.setdefault(tuple(run.teacher.ratio.values()), []).append(deviation(run, result))
     deviations = [one for group in groups.values() for one in group]
-    low, high = stratified_interval(list(groups.values()), statistic=lambda values: float(np.mean(values)))
     totals = points[:, :3].sum(axis=1)
     shares = np.array([list(run.teacher.ratio.values()) for run in agents])
     shares /= shares.sum(axis=1, keepdims=True)
     return [
         Check(
             "the mean divergence from the wanted ratio is at most 0.01",
-            f"{np.mean(deviations):.4f}, 95 % interval {low:.4f} to {high:.4f}, worst run "
-            f"{max(deviations):.4f}, {len(groups)} ratios",
+            f"{write_mean(list(groups.values()))}, worst run {max(deviations):.4f}, {len(groups)} ratios",
             bool(np.mean(deviations) <= 0.01),
             "ours",
         ),

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
-from benchmarks.harness.statistics import stratified_interval
-from benchmarks.rows.drawing import BLUE, ORANGE, panels
+from benchmarks.harness.statistics import write_mean
+from benchmarks.rows.drawing import BLUE, ORANGE, mean_intervals, panels
 from benchmarks.rows.ratios import NINE_RATIOS, deviation, three_rewards
 from benchmarks.stages import Asked
 from benchmarks.stages.settings import seeds
@@ -43,11 +43,8 @@ def judge(results: Results) -> list[Check]:
     active, random = deviations(results)
     checks = []
     if 10 in active:
-        low, high = stratified_interval([active[10]], statistic=_mean)
-        value = f"{_mean(active[10]):.4f}, 95 % interval {low:.4f} to {high:.4f}"
-        checks.append(
-            Check("10 active queries: mean divergence at most 0.02", value, _mean(active[10]) <= 0.02, "ours")
-        )
+        statement, reached = "10 active queries: mean divergence at most 0.02", _mean(active[10]) <= 0.02
+        checks.append(Check(statement, write_mean([active[10]]), reached, "ours"))
     for queries in (25, 50):
         if queries in active and queries in random:
             ours, theirs = _mean(active[queries]), _mean(random[queries])
@@ -61,10 +58,7 @@ def draw(results: Results) -> Figure:
     figure, (axes,) = panels(1, width=6.0, height=4.0)
     for found, label, colour in zip(deviations(results), ("active", "random"), (BLUE, ORANGE), strict=True):
         counts = sorted(found)
-        means = [_mean(found[count]) for count in counts]
-        bounds = [stratified_interval([found[count]], statistic=_mean) for count in counts]
-        errors = np.abs(np.array(bounds).reshape(-1, 2).T - means)
-        axes.errorbar(counts, means, errors, marker="o", capsize=3, color=colour, label=label)
+        mean_intervals(axes, counts, [found[count] for count in counts], colour, label)
     axes.plot(50, 0.045, "s", color="0.4", label="random, thesis")
     axes.set(xlabel="queries", ylabel="KL divergence from the wanted ratio", ylim=(0, None))
     axes.set_xticks(QUERIES)

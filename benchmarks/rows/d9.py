@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
-from benchmarks.harness.statistics import stratified_interval
+from benchmarks.harness.statistics import write_mean
 from benchmarks.rows.d8 import deviations, study_runs
-from benchmarks.rows.drawing import BLUE, panels
+from benchmarks.rows.drawing import BLUE, mean_intervals, panels
 from benchmarks.rows.ratios import deviation
 from benchmarks.stages import Asked
 
@@ -35,8 +35,7 @@ def judge(results: Results) -> list[Check]:
     checks = []
     if 0.3 in by_noise:
         mean = float(np.mean(by_noise[0.3]))
-        low, high = stratified_interval([by_noise[0.3]], statistic=lambda values: float(np.mean(values)))
-        value = f"{mean:.4f}, 95 % interval {low:.4f} to {high:.4f}"
+        value = write_mean([by_noise[0.3]])
         checks.append(Check("noise 0.3: mean divergence at most 0.03", value, mean <= 0.03, "ours"))
         if random:
             theirs = float(np.mean(random[max(random)]))
@@ -55,13 +54,7 @@ def draw(results: Results) -> Figure:
     """Draw mean divergences with intervals over the noise."""
     figure, (axes,) = panels(1, width=6.0, height=4.0)
     by_noise = _by_noise(results)
-    means = [float(np.mean(group)) for group in by_noise.values()]
-    bounds = [
-        stratified_interval([group], statistic=lambda values: float(np.mean(values)))
-        for group in by_noise.values()
-    ]
-    errors = np.abs(np.array(bounds).reshape(-1, 2).T - means)
-    axes.errorbar(list(by_noise), means, errors, marker="o", capsize=3, color=BLUE, label="active")
+    mean_intervals(axes, list(by_noise), list(by_noise.values()), BLUE, "active")
     _, random = deviations(results)
     if random:
         level = float(np.mean(random[max(random)]))

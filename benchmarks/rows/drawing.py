@@ -10,6 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmarks.harness.statistics import mean_with_interval
+
 # Okabe and Ito's colours, which colour-blind readers can tell apart.
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, INK = (
     *("#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7", "#56b4e9"),
@@ -42,6 +44,16 @@ def over_seeds(
     axes.errorbar(x, means, deviations, color=colour, label=label, zorder=3, **style)
     for place, group in zip(x, groups, strict=True):
         axes.plot([place] * len(group), group, ".", color=colour, alpha=0.45, markersize=4, zorder=2)
+
+
+def mean_intervals(
+    axes: Axes, x: Sequence[float], groups: Sequence[Sequence[float]], colour: str, label: str
+) -> None:
+    """Draw means of groups with their 95 % intervals."""
+    found = np.array([mean_with_interval([group]) for group in groups]).reshape(-1, 3)
+    means = found[:, 0]
+    errors = np.abs(found[:, 1:].T - means)
+    axes.errorbar(x, means, errors, marker="o", capsize=3, color=colour, label=label)
 
 
 def curves(

@@ -145,6 +145,11 @@ def read_tensors(path: Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
     return arrays, metadata
 
 
+def arrays_under(arrays: Arrays, prefix: str) -> Arrays:
+    """Return the arrays whose names begin with a prefix, by the rest of their names."""
+    return {name[len(prefix) :]: value for name, value in arrays.items() if name.startswith(prefix)}
+
+
 def first_line(error: Exception) -> str:
     """Return what an error says in its first line, or its type where it says nothing."""
     return str(error).splitlines()[0] if str(error) else type(error).__name__

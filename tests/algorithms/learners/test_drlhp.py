@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,13 +20,14 @@ from moral_algorithms.learners.drlhp import PRESETS, DRLHPConfig, require_fittin
 from moral_algorithms.learners.ppo import Progress, sampling_seed
 from moral_algorithms.learners.reward_model import RewardModelConfig, disagreement
 from moral_algorithms.networks.rewards import ActionRewardEnsemble
-from moral_algorithms.preferences import LexicographicTeacher, NoisyTeacher, Preference, Query, Teacher
+from moral_algorithms.preferences import LexicographicTeacher, Teacher
 from moral_algorithms.run_directory import RunDirectory, append_line, read_lines
 from moral_algorithms.storage import StorageError, read_tensors
 from moral_algorithms.worlds import WORLDS, WorldSpec
 from moral_envs import windy_wall_v0
 from moral_envs.world import World
 from tests.algorithms.full_disk import files_in
+from tests.algorithms.learners.stopping import Recorder, require_same, stop_at
 from tests.algorithms.tiny import EMERGENCY, parameters, ppo_config
 
 WORLD = EMERGENCY.build()
@@ -47,32 +48,6 @@ def config(**changes: Any) -> DRLHPConfig:
         "ppo": ppo_config(num_envs=8, rollout_steps=8, batch_size=32, epochs=1),
     }
     return DRLHPConfig(**{**values, **changes})
-
-
-class Recorder(Teacher):
-    """Passes queries on to a noisy lexicographic teacher and remembers them."""
-
-    def __init__(self, interrupt_at: int | None = None, skip: Sequence[int] = ()) -> None:
-        lexicographic = LexicographicTeacher(("people_saved", "goal_time"), WORLD.objective_names)
-        # Noise, so that the teacher's own state has to be saved and continued, too.
-        self._teacher = NoisyTeacher(lexicographic, 0.3, np.random.default_rng(0))
-        self._interrupt_at = interrupt_at
-        self._skip = skip
-        self.asked: list[Query] = []
-
-    def prefer(self, query: Query) -> Preference | None:
-        if len(self.asked) == self._interrupt_at:
-            raise KeyboardInterrupt
-        self.asked.append(query)
-        if len(self.asked) - 1 in self._skip:
-            return None
-        return self._teacher.prefer(query)
-
-    def state_dict(self) -> dict[str, Any]:
-        return self._teacher.state_dict()
-
-    def load_state_dict(self, state: Any) -> None:
-        self._teacher.load_state_dict(state)
 
 
 class Result(NamedTuple):
@@ -114,12 +89,6 @@ def require_equal(got: Result, expected: Result) -> None:
         assert getattr(got, name) == getattr(expected, name), name
     for name in ("policy", "network", "checkpoint"):
         require_same(getattr(got, name), getattr(expected, name))
-
-
-def require_same(one: dict[str, NDArray[Any]], other: dict[str, NDArray[Any]]) -> None:
-    assert one.keys() == other.keys()
-    for name in one:
-        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
 @pytest.fixture(scope="module")
@@ -357,18 +326,14 @@ def test_an_interrupted_teacher_is_asked_again_and_the_run_ends_the_same(
 
 
 @pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize("stop_at", [64, 192, 512])
+@pytest.mark.parametrize("steps", [64, 192, 512])
 def test_a_run_killed_between_rollouts_ends_the_same(
-    tmp_path: Path, uninterrupted: tuple[Path, Result, Recorder], stop_at: int, every: int
+    tmp_path: Path, uninterrupted: tuple[Path, Result, Recorder], steps: int, every: int
 ) -> None:
-    def stop(progress: Progress) -> None:
-        if progress.steps == stop_at:
-            raise KeyboardInterrupt
-
     first, second = Recorder(), Recorder()
     settings = config(checkpoint_every=every)
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path, first, settings, stop)
+        run(tmp_path, first, settings, stop_at(steps))
     # Killed while it wrote a line.
     with (tmp_path / "metrics.jsonl").open("ab") as file:
         file.write(b'{"env_st')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from moral_algorithms.bridge import PrimaryReward, Replay
-from moral_algorithms.learners import moral
+from moral_algorithms.learners import resuming
 from moral_algorithms.learners.inference import make_posterior
 from moral_algorithms.learners.moral import MoralConfig, train_moral
 from moral_algorithms.learners.ppo import Progress
@@ -23,9 +23,6 @@ from moral_algorithms.preferences import (
     BallPrior,
     ExponentialProxy,
     LexicographicTeacher,
-    NoisyTeacher,
-    Preference,
-    Query,
     RationalityPrior,
     Teacher,
 )
@@ -33,6 +30,7 @@ from moral_algorithms.run_directory import RunDirectory, append_line, read_lines
 from moral_algorithms.storage import StorageError, read_tensors
 from moral_envs.engine import Engine
 from tests.algorithms.full_disk import files_in, full_disk
+from tests.algorithms.learners.stopping import Recorder, require_same, stop_at
 from tests.algorithms.tiny import EMERGENCY, parameters, ppo_config
 
 WORLD = EMERGENCY.build()
@@ -57,32 +55,6 @@ def config(**changes: Any) -> MoralConfig:
         "ppo": ppo_config(num_envs=8, rollout_steps=8, batch_size=32, epochs=1),
     }
     return MoralConfig(**{**values, **changes})
-
-
-class Recorder(Teacher):
-    """Passes queries on to a noisy lexicographic teacher and remembers them."""
-
-    def __init__(self, interrupt_at: int | None = None, skip: Sequence[int] = ()) -> None:
-        lexicographic = LexicographicTeacher(("people_saved", "goal_time"), WORLD.objective_names)
-        # Noise, so that the teacher's own state has to be saved and continued, too.
-        self._teacher = NoisyTeacher(lexicographic, 0.3, np.random.default_rng(0))
-        self._interrupt_at = interrupt_at
-        self._skip = skip
-        self.asked: list[Query] = []
-
-    def prefer(self, query: Query) -> Preference | None:
-        if len(self.asked) == self._interrupt_at:
-            raise KeyboardInterrupt
-        self.asked.append(query)
-        if len(self.asked) - 1 in self._skip:
-            return None
-        return self._teacher.prefer(query)
-
-    def state_dict(self) -> dict[str, Any]:
-        return self._teacher.state_dict()
-
-    def load_state_dict(self, state: Any) -> None:
-        self._teacher.load_state_dict(state)
 
 
 class Result(NamedTuple):
@@ -126,10 +98,8 @@ def run(
 def require_equal(got: Result, expected: Result) -> None:
     for name in ("weights", "env_steps", "queries", "metrics", "metadata"):
         assert getattr(got, name) == getattr(expected, name), name
-    for one, other in ((got.policy, expected.policy), (got.checkpoint, expected.checkpoint)):
-        assert one.keys() == other.keys()
-        for name in one:
-            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+    require_same(got.policy, expected.policy)
+    require_same(got.checkpoint, expected.checkpoint)
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +236,7 @@ def test_an_answer_that_no_checkpoint_followed_is_not_asked_again(
     answer: int,
 ) -> None:
     _, expected, _ = uninterrupted
-    original = moral.write_tensors
+    original = resuming.write_tensors
     written = 0
 
     def fail_once(path: Path, *arguments: Any) -> None:
@@ -276,7 +246,7 @@ def test_an_answer_that_no_checkpoint_followed_is_not_asked_again(
             raise StorageError(f"cannot write {path}: No space left on device")
         original(path, *arguments)
 
-    monkeypatch.setattr(moral, "write_tensors", fail_once)
+    monkeypatch.setattr(resuming, "write_tensors", fail_once)
     first, second = Recorder(), Recorder()
     with pytest.raises(StorageError, match="No space left"):
         run(tmp_path, first, config())
@@ -285,19 +255,15 @@ def test_an_answer_that_no_checkpoint_followed_is_not_asked_again(
     assert (len(first.asked), len(second.asked)) == (answer + 1, 3 - answer)
 
 
-@pytest.mark.parametrize("stop_at", [64, 704, 1216])
+@pytest.mark.parametrize("steps", [64, 704, 1216])
 def test_a_run_killed_between_queries_ends_the_same(
-    tmp_path: Path, uninterrupted: tuple[Path, Result, Recorder], stop_at: int
+    tmp_path: Path, uninterrupted: tuple[Path, Result, Recorder], steps: int
 ) -> None:
     _, expected, _ = uninterrupted
 
-    def stop(progress: Progress) -> None:
-        if progress.steps == stop_at:
-            raise KeyboardInterrupt
-
     first, second = Recorder(), Recorder()
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path, first, config(), stop)
+        run(tmp_path, first, config(), stop_at(steps))
     # Killed while it wrote a line.
     with (tmp_path / "metrics.jsonl").open("ab") as file:
         file.write(b'{"env_st')
@@ -333,13 +299,9 @@ def test_a_full_disk_keeps_the_last_checkpoint(tmp_path: Path) -> None:
 def test_how_often_is_saved_changes_nothing(
     tmp_path: Path, uninterrupted: tuple[Path, Result, Recorder]
 ) -> None:
-    def stop(progress: Progress) -> None:
-        if progress.steps == 384:
-            raise KeyboardInterrupt
-
     often = config(checkpoint_every=3)
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path, Recorder(), often, stop)
+        run(tmp_path, Recorder(), often, stop_at(384))
     _, metadata = read_tensors(tmp_path / "checkpoint.safetensors", "moral-checkpoint")
     # Between two answers, with episodes at hand from which the next query is chosen.
     assert metadata["ppo"]["num_timesteps"] == 320
@@ -397,13 +359,13 @@ def test_checkpoints_follow_answers_and_every_so_many_rollouts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     steps: list[int] = []
-    original = moral.write_tensors
+    original = resuming.write_tensors
 
     def watched(path: Path, arrays: Any, metadata: dict[str, Any]) -> None:
         steps.append(metadata["ppo"]["num_timesteps"])
         original(path, arrays, metadata)
 
-    monkeypatch.setattr(moral, "write_tensors", watched)
+    monkeypatch.setattr(resuming, "write_tensors", watched)
     run(tmp_path, Recorder(), config(checkpoint_every=3))
     answered = {256, 512, 768, 960}
     assert steps == sorted({*answered, *range(128, 1280, 192), 1280})

@@ -10,7 +10,13 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.harness.statistics import interquartile_mean, spread, stratified_interval
+from benchmarks.harness.statistics import (
+    interquartile_mean,
+    mean_with_interval,
+    spread,
+    stratified_interval,
+    write_mean,
+)
 
 FINITE = st.floats(-1e6, 1e6)
 
@@ -74,6 +80,13 @@ def test_an_interval_lies_within_the_values_and_is_always_the_same(groups: list[
     slack = 1e-9 * max(1.0, *map(abs, values))
     assert min(values) - slack <= low <= high <= max(values) + slack
     assert stratified_interval(groups, statistic=lambda values: float(values.mean())) == (low, high)
+
+
+def test_a_mean_is_written_with_its_interval() -> None:
+    groups = [[0.1, 0.3], [0.2, 0.2, 0.7]]
+    low, high = stratified_interval(groups, statistic=lambda values: float(values.mean()))
+    assert mean_with_interval(groups) == (pytest.approx(0.3), low, high)
+    assert write_mean(groups) == f"0.3000, 95 % interval {low:.4f} to {high:.4f}"
 
 
 @pytest.mark.parametrize(

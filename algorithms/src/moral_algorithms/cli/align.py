@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from tyro.conf import arg
 
@@ -14,10 +13,10 @@ from moral_algorithms import pipeline
 from moral_algorithms.answers import read_answers
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
+from moral_algorithms.cli.resuming import find_resumed, going_on, saved_answers
 from moral_algorithms.learners.alignment import AlignmentConfig
 from moral_algorithms.pipeline import AlignRun, TeacherConfig
 from moral_algorithms.run_directory import RunDirectory
-from moral_algorithms.storage import StorageError
 
 _KIND = "align"
 
@@ -49,48 +48,26 @@ class Command(BaseCommand):
     @classmethod
     def defaults(cls, options: Sequence[str]) -> Command | None:
         """When resumed, what the run was started with."""
-        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-        parser.add_argument("--resume", action="store_true")
-        parser.add_argument("--out", type=Path, nargs="?")
-        early, _ = parser.parse_known_args(list(options))
-        if not early.resume or early.out is None:
+        resumed = find_resumed(options, _KIND)
+        if resumed is None:
             return None
-        directory = RunDirectory(early.out)
-        run, setting = pipeline.read_align_run(directory), pipeline.read_setting(directory, _KIND)
-        # An unknown device is the options' to refuse.
-        device: Any = setting.device
-        machine = Machine(device, setting.threads)
-        return cls(run.covered, early.out, True, run.teacher, run.seed, run.config, machine)
+        run = pipeline.read_align_run(resumed.directory)
+        out, machine = resumed.directory.path, resumed.machine
+        return cls(run.covered, out, True, run.teacher, run.seed, run.config, machine)
 
     @property
     def hint(self) -> str:
         """What is saved, and how to go on."""
-        directory = RunDirectory(self.out)
-        if not directory.config.exists():
-            return "nothing was started"
-        if directory.summary.exists():
-            return f"the run is finished; the agent is in {self.out}"
-        try:
-            answered = len(read_answers(directory.queries).informative)
-        except StorageError as error:
-            return f"{error}"
-        how = pipeline.how_to_resume(directory, _KIND)
-        return f"{answered} of {self.config.queries} answers are saved; {how}"
+        return saved_answers(
+            self.out, _KIND, self.config.queries, lambda path: read_answers(path).informative
+        )
 
     def execute(self, console: Console) -> None:
         """Do it."""
         device = self.machine.prepare()
         setting = pipeline.Setting(device, self.machine.threads, stage=console.stage)
         directory = RunDirectory(self.out)
-        finished = self.resume and directory.summary.exists()
         run = AlignRun(self.covered, self.teacher, self.seed, self.config)
-        if self.resume and not finished:
-            for warning in pipeline.changes_since_start(directory, _KIND, setting):
-                console.error(f"moral: warning: {warning}")
-        summary = pipeline.align(directory, run, setting, self.resume)
-        if finished:
-            console.print(f"The run in {self.out} was finished before.")
-        console.objectives("last episodes", summary["objectives"])
-        rows = [(name, f"{weight:.3f}") for name, weight in summary["weights"].items()]
-        console.table(f"Weights after {summary['queries']} queries", ("component", "weight"), rows)
-        console.print(f"The agent is in {self.out}; measure it with moral evaluate, see it with moral watch.")
+        with going_on(console, directory, _KIND, setting, self.resume):
+            summary = pipeline.align(directory, run, setting, self.resume)
+        console.aligned(self.out, summary)

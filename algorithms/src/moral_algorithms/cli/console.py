@@ -8,7 +8,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import rich.box
 import rich.console
@@ -66,6 +67,20 @@ class Console:
             table.add_row(*row)
         self._out.print(title, markup=False, style="bold")
         self._out.print(table)
+
+    def aligned(
+        self,
+        out: Path,
+        summary: Mapping[str, Any],
+        asked: str = "queries",
+        names: Mapping[str, str] | None = None,
+    ) -> None:
+        """Print what MORAL found, by the summary of its run; components may have names for people."""
+        self.objectives("last episodes", summary["objectives"])
+        shown = names or {}
+        rows = [(shown.get(name, name), f"{weight:.3f}") for name, weight in summary["weights"].items()]
+        self.table(f"Weights after {summary['queries']} {asked}", ("component", "weight"), rows)
+        self.print(f"The agent is in {out}; measure it with moral evaluate, see it with moral watch.")
 
     def error(self, text: str) -> None:
         """Print one line to stderr."""

@@ -19,7 +19,6 @@ from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.pipeline import CoverRun
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.storage import StorageError
-from moral_algorithms.worlds import WorldSpec
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Command(BaseCommand):
         parser.add_argument("--rewards", type=Path, nargs="*", default=[])
         early, _ = parser.parse_known_args(list(options))
         try:
-            world = early.world or pipeline.world_of_rewards(tuple(early.rewards)).name
+            world = early.world or pipeline.choose_world(None, {}, tuple(early.rewards)).name
         except StorageError:
             # The command itself says so.
             return None
@@ -80,12 +79,7 @@ class Command(BaseCommand):
         """Do it."""
         device = self.machine.prepare()
         setting = pipeline.Setting(device, self.machine.threads, self.tensorboard, console.stage)
-        given = self.world is not None or self.rules
-        world = (
-            WorldSpec(self.world or "emergency", self.rules)
-            if given
-            else pipeline.world_of_rewards(self.rewards)
-        )
+        world = pipeline.choose_world(self.world, self.rules, self.rewards)
         run = CoverRun(
             self.rewards, world, self.primary, self.seed, self.config, self.normaliser, self.returns
         )

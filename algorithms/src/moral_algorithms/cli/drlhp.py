@@ -6,17 +6,17 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
+from moral_algorithms.cli.resuming import find_resumed, going_on, saved_answers
 from moral_algorithms.learners.drlhp import DRLHPConfig
 from moral_algorithms.pipeline import DRLHPRun, TeacherConfig
 from moral_algorithms.run_directory import RunDirectory, read_lines
-from moral_algorithms.storage import StorageError
 from moral_algorithms.worlds import WorldSpec
 
 _KIND = "drlhp"
@@ -54,66 +54,46 @@ class Command(BaseCommand):
     @classmethod
     def defaults(cls, options: Sequence[str]) -> Command | None:
         """When resumed, what the run was started with, else the preset."""
+        resumed = find_resumed(options, _KIND)
+        if resumed is not None:
+            run = pipeline.read_drlhp_run(resumed.directory)
+            return cls(
+                out=resumed.directory.path,
+                resume=True,
+                world=run.world.name,
+                rules=run.world.rules,
+                teacher=run.teacher,
+                seed=run.seed,
+                config=run.config,
+                machine=resumed.machine,
+                tensorboard=resumed.tensorboard,
+            )
         parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-        parser.add_argument("--resume", action="store_true")
         parser.add_argument("--out", type=Path, nargs="?")
         parser.add_argument("--preset", nargs="?", default="fast")
         parser.add_argument("--world", nargs="?", default="emergency")
         parser.add_argument("--rules", nargs="*", default=[])
         early, _ = parser.parse_known_args(list(options))
-        if early.out is None:
-            # Without it nothing runs; the help shows the defaults of the dataclass.
+        rules = _read_rules(early.rules)
+        # Without a folder nothing runs; the help shows the defaults of the dataclass.
+        if early.out is None or early.world is None or early.preset is None or rules is None:
             return None
-        if not early.resume:
-            rules = _read_rules(early.rules)
-            if early.world is None or early.preset is None or rules is None:
-                return None
-            config = pipeline.drlhp_preset(early.preset, WorldSpec(early.world, rules))
-            return cls(out=early.out, preset=early.preset, config=config)
-        directory = RunDirectory(early.out)
-        run, setting = pipeline.read_drlhp_run(directory), pipeline.read_setting(directory, _KIND)
-        # An unknown device is the options' to refuse.
-        device: Any = setting.device
-        return cls(
-            out=early.out,
-            resume=True,
-            world=run.world.name,
-            rules=run.world.rules,
-            teacher=run.teacher,
-            seed=run.seed,
-            config=run.config,
-            machine=Machine(device, setting.threads),
-            tensorboard=setting.tensorboard,
-        )
+        config = pipeline.drlhp_preset(early.preset, WorldSpec(early.world, rules))
+        return cls(out=early.out, preset=early.preset, config=config)
 
     @property
     def hint(self) -> str:
         """What is saved, and how to go on."""
-        directory = RunDirectory(self.out)
-        if not directory.config.exists():
-            return "nothing was started"
-        if directory.summary.exists():
-            return f"the run is finished; the agent is in {self.out}"
-        try:
-            answered = len(read_lines(directory.queries))
-        except StorageError as error:
-            return f"{error}"
-        how = pipeline.how_to_resume(directory, _KIND)
-        return f"{answered} of {self.config.queries} answers are saved; {how}"
+        return saved_answers(self.out, _KIND, self.config.queries, read_lines)
 
     def execute(self, console: Console) -> None:
         """Do it."""
         device = self.machine.prepare()
         setting = pipeline.Setting(device, self.machine.threads, self.tensorboard, console.stage)
         directory = RunDirectory(self.out)
-        finished = self.resume and directory.summary.exists()
         run = DRLHPRun(WorldSpec(self.world, self.rules), self.teacher, self.seed, self.config)
-        if self.resume and not finished:
-            for warning in pipeline.changes_since_start(directory, _KIND, setting):
-                console.error(f"moral: warning: {warning}")
-        summary = pipeline.drlhp(directory, run, setting, self.resume)
-        if finished:
-            console.print(f"The run in {self.out} was finished before.")
+        with going_on(console, directory, _KIND, setting, self.resume):
+            summary = pipeline.drlhp(directory, run, setting, self.resume)
         console.objectives("last episodes", summary["objectives"])
         console.print(f"Answers: {summary['queries']}")
         console.print(f"The agent is in {self.out}; measure it with moral evaluate, see it with moral watch.")

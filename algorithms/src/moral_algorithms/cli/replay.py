@@ -75,10 +75,7 @@ class Command(BaseCommand):
         used = [answer for answer in in_turn if answer is not None and answer.preference is not None]
         run = pipeline.begin_replay(directory, source, used, setting, self.seed)
         summary = pipeline.moral(directory, run, setting, resume=True)
-        console.objectives("last episodes", summary["objectives"])
-        rows = [(name, f"{weight:.3f}") for name, weight in summary["weights"].items()]
-        console.table(f"Weights after {summary['queries']} answers", ("component", "weight"), rows)
-        console.print(f"The agent is in {self.out}; measure it with moral evaluate, see it with moral watch.")
+        console.aligned(self.out, summary, "answers")
 
     def _measure(
         self, source: RunDirectory, files: Sequence[Path], people: Sequence[list[Answer]]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from tyro.conf import arg
 
@@ -15,12 +14,11 @@ from moral_algorithms.answers import read_answers
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
 from moral_algorithms.cli.people import People, ask_people
+from moral_algorithms.cli.resuming import find_resumed, going_on, saved_answers
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig
 from moral_algorithms.pipeline import MoralRun, TeacherConfig
 from moral_algorithms.run_directory import RunDirectory
-from moral_algorithms.storage import StorageError
-from moral_algorithms.worlds import WorldSpec
 
 _KIND = "train"
 
@@ -69,19 +67,13 @@ class Command(BaseCommand):
     @classmethod
     def defaults(cls, options: Sequence[str]) -> Command | None:
         """When resumed, what the run was started with."""
-        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-        parser.add_argument("--resume", action="store_true")
-        parser.add_argument("--out", type=Path, nargs="?")
-        early, _ = parser.parse_known_args(list(options))
-        if not early.resume or early.out is None:
+        resumed = find_resumed(options, _KIND)
+        if resumed is None:
             return None
-        directory = RunDirectory(early.out)
-        run, setting = pipeline.read_moral_run(directory), pipeline.read_setting(directory, _KIND)
-        # An unknown device is the options' to refuse.
-        device: Any = setting.device
+        run = pipeline.read_moral_run(resumed.directory)
         return cls(
             rewards=run.rewards,
-            out=early.out,
+            out=resumed.directory.path,
             resume=True,
             world=run.world.name,
             rules=run.world.rules,
@@ -91,8 +83,8 @@ class Command(BaseCommand):
             config=run.config,
             normaliser=run.normaliser,
             returns=run.returns,
-            machine=Machine(device, setting.threads),
-            tensorboard=setting.tensorboard,
+            machine=resumed.machine,
+            tensorboard=resumed.tensorboard,
         )
 
     @property
@@ -103,17 +95,9 @@ class Command(BaseCommand):
     @property
     def hint(self) -> str:
         """What is saved, and how to go on."""
-        directory = RunDirectory(self.out)
-        if not directory.config.exists():
-            return "nothing was started"
-        if directory.summary.exists():
-            return f"the run is finished; the agent is in {self.out}"
-        try:
-            answered = len(read_answers(directory.queries).informative)
-        except StorageError as error:
-            return f"{error}"
-        how = pipeline.how_to_resume(directory, self.name)
-        return f"{answered} of {self.config.queries} answers are saved; {how}"
+        return saved_answers(
+            self.out, self.name, self.config.queries, lambda path: read_answers(path).informative
+        )
 
     @property
     def people(self) -> People:
@@ -125,13 +109,7 @@ class Command(BaseCommand):
         device = self.machine.prepare()
         setting = pipeline.Setting(device, self.machine.threads, self.tensorboard, console.stage)
         directory = RunDirectory(self.out)
-        given = self.world is not None or self.rules
-        world = (
-            WorldSpec(self.world or "emergency", self.rules)
-            if given
-            else pipeline.world_of_rewards(self.rewards)
-        )
-        finished = self.resume and directory.summary.exists()
+        world = pipeline.choose_world(self.world, self.rules, self.rewards)
         run = MoralRun(
             self.rewards,
             world,
@@ -142,17 +120,10 @@ class Command(BaseCommand):
             self.normaliser,
             self.returns,
         )
-        if self.resume and not finished:
-            for warning in pipeline.changes_since_start(directory, _KIND, setting):
-                console.error(f"moral: warning: {warning}")
-        if self.teacher.asks_people:
-            summary = ask_people(console, directory, run, setting, self.resume, self.people)
-        else:
-            summary = pipeline.moral(directory, run, setting, self.resume)
-        if finished:
-            console.print(f"The run in {self.out} was finished before.")
-        console.objectives("last episodes", summary["objectives"])
+        with going_on(console, directory, _KIND, setting, self.resume):
+            if self.teacher.asks_people:
+                summary = ask_people(console, directory, run, setting, self.resume, self.people)
+            else:
+                summary = pipeline.moral(directory, run, setting, self.resume)
         names = self.people.name_components(run) if self.teacher.asks_people else {}
-        rows = [(names.get(name, name), f"{weight:.3f}") for name, weight in summary["weights"].items()]
-        console.table(f"Weights after {summary['queries']} queries", ("component", "weight"), rows)
-        console.print(f"The agent is in {self.out}; measure it with moral evaluate, see it with moral watch.")
+        console.aligned(self.out, summary, names=names)

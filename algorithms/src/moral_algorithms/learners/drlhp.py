@@ -19,13 +19,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.utils import get_device
 
@@ -33,29 +32,28 @@ from moral_algorithms.bridge import EngineVecEnv, LearnedActionReward, Replay, S
 from moral_algorithms.learners.clips import AnsweredClips, play_untrained
 from moral_algorithms.learners.interview import Interview
 from moral_algorithms.learners.ppo import (
+    BatchedBootstrap,
+    EntropySchedule,
     ObjectiveMonitor,
     OnProgress,
     PPOConfig,
     learn,
-    load_ppo_state,
     make_ppo,
-    ppo_state,
     sampling_seed,
-    standard_callbacks,
 )
+from moral_algorithms.learners.resuming import ResumableLearner, require_unstarted
 from moral_algorithms.learners.reward_model import RewardModel, RewardModelConfig
 from moral_algorithms.networks.rewards import ActionRewardEnsemble
 from moral_algorithms.preferences import Teacher
-from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, repair_lines, write_lines
+from moral_algorithms.run_directory import RunDirectory, append_line
 from moral_algorithms.seeding import spawn_seeds
-from moral_algorithms.storage import StorageError, first_line, read_tensors, write_tensors
+from moral_algorithms.storage import Arrays, arrays_under
 from moral_algorithms.worlds import WorldSpec
 from moral_envs.world import World
 
 SCHEDULES = ("constant", "decaying")
 """How the queries are spread over training."""
 
-_CHECKPOINT = "drlhp-checkpoint"
 # States by which rewards are standardised.
 _STANDARDISING = 4096
 
@@ -221,9 +219,7 @@ def train_drlhp(
         queries in the directory and ``resume`` is False.
     """
     if not resume:
-        for path in (directory.checkpoint, directory.queries):
-            if path.exists():
-                raise StorageError(f"{path} is there already; resume that run or choose another folder")
+        require_unstarted(directory)
     built = world.build()
     require_fitting(config, built)
     ppo_seed, network_seed, batch_seed, pair_seed, start_seed = spawn_seeds(seed, 5)
@@ -235,16 +231,17 @@ def train_drlhp(
         ).to(get_device(device))
     venv = ScalarisedRewards(engine, [LearnedActionReward("preferred", network)], [1.0])
     model = make_ppo(config.ppo, venv, ppo_seed, device, tensorboard)
-    answers = AnsweredClips(shape, clip_length(config, built), config.queries)
+    length = clip_length(config, built)
+    answers = AnsweredClips(shape, length, config.queries)
     reward = RewardModel(network, answers, config.reward, batch_seed)
     training_steps = config.steps - untrained_steps(config, built)
-    standard = standard_callbacks(config.ppo, training_steps, built.objective_names, on_progress)
-    monitor = next(callback for callback in standard if isinstance(callback, ObjectiveMonitor))
-    length = clip_length(config, built)
+    schedule = EntropySchedule(config.ppo.entropy_start, config.ppo.entropy_end, training_steps)
+    monitor = ObjectiveMonitor(built.objective_names, training_steps, on_progress)
     interview = Interview(built, reward, teacher, length, config.candidates, pair_seed, directory.queries)
     learner = RewardLearner(built, reward, interview, config, start_seed, directory, monitor)
+    interview.read(config.queries)
     learner.restore(model)
-    learn(model, training_steps, [*standard, learner])
+    learn(model, training_steps, [schedule, BatchedBootstrap(), monitor, learner])
     learner.save(model)
     env_steps = model.num_timesteps + untrained_steps(config, built)
     return PreferredAgent(model.policy, network, len(answers), env_steps)
@@ -277,7 +274,7 @@ def require_fitting(config: DRLHPConfig, world: World) -> None:
         )
 
 
-class RewardLearner(BaseCallback):
+class RewardLearner(ResumableLearner):
     """Has queries asked, fits the reward to the answers and standardises it.
 
     It acts at the end of a rollout, on episodes that ended since it last asked, one per environment.
@@ -310,14 +307,11 @@ class RewardLearner(BaseCallback):
         directory: RunDirectory,
         monitor: ObjectiveMonitor,
     ) -> None:
-        super().__init__()
+        super().__init__("drlhp-checkpoint", directory, monitor, untrained_steps(config, world))
         self._world = world
         self._reward = reward
         self._interview = interview
         self._config = config
-        self._directory = directory
-        self._monitor = monitor
-        self._untrained_steps = untrained_steps(config, world)
         self._seed = seed
         self._recent: deque[Replay] = deque(maxlen=config.ppo.num_envs)
         # States and actions of whole episodes: environments run in step, and a single rollout may hold only
@@ -329,75 +323,29 @@ class RewardLearner(BaseCallback):
 
     @property
     def _env_steps(self) -> int:
-        return self.num_timesteps + self._untrained_steps
+        return self.num_timesteps + self._steps_before
 
-    def restore(self, model: PPO) -> None:
-        """Go on from the last checkpoint, if there is one, and from the queries answered since.
-
-        Raises
-        ------
-        StorageError
-            If what is in the run directory is damaged or of another run.
-        """
-        repair_lines(self._directory.metrics)
-        self._interview.read(self._config.queries)
-        if self._directory.checkpoint.exists():
-            self._load_checkpoint(model)
-        # Training goes through the rollouts after the checkpoint once more, and writes their lines again.
-        lines = read_lines(self._directory.metrics)
-        done = model.num_timesteps + self._untrained_steps if model.num_timesteps else 0
-        kept = [line for line in lines if line["env_steps"] <= done]
-        if len(kept) < len(lines):
-            write_lines(self._directory.metrics, kept)
-
-    def _load_checkpoint(self, model: PPO) -> None:
-        arrays, metadata = read_tensors(self._directory.checkpoint, _CHECKPOINT)
-        try:
-            self._interview.load_state_dict(metadata["interview"])
-            load_ppo_state(model, arrays, metadata["ppo"])
-            reward = {
-                name.removeprefix("reward."): value
-                for name, value in arrays.items()
-                if name.startswith("reward.")
-            }
-            self._reward.load_state_dict(reward, metadata["reward"])
-            self._monitor.means = metadata["objectives"]
-            recent = zip(arrays["recent.streams"], arrays["recent.actions"], strict=True)
-            self._recent.extend(Replay(int(stream), actions) for stream, actions in recent)
-            for number in range(int(metadata["experience"])):
-                part = f"experience.{number}"
-                self._experience.append((arrays[f"{part}.states"], arrays[f"{part}.actions"]))
-        except StorageError:
-            raise
-        except (KeyError, TypeError, ValueError, IndexError, RuntimeError) as error:
-            reason = first_line(error)
-            raise StorageError(f"{self._directory.checkpoint} does not fit this run: {reason}") from error
-        self._monitor.queries = self._interview.num_answers
-
-    def save(self, model: PPO) -> None:
-        """Write a checkpoint.
-
-        Raises
-        ------
-        StorageError
-            If it cannot be written; the last one is untouched then.
-        """
-        arrays, ppo = ppo_state(model)
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
+        """Copy the state of reward and interview, the last episodes and what rewards are standardised by."""
         reward_arrays, reward = self._reward.state_dict()
-        arrays |= {f"reward.{name}": value for name, value in reward_arrays.items()}
+        arrays = {f"reward.{name}": value for name, value in reward_arrays.items()}
         arrays["recent.streams"] = np.array([replay.stream for replay in self._recent], dtype=np.uint64)
         arrays["recent.actions"] = np.array([replay.actions for replay in self._recent], dtype=np.uint8)
         for number, (states, taken) in enumerate(self._experience):
             arrays[f"experience.{number}.states"], arrays[f"experience.{number}.actions"] = states, taken
-        metadata = {
-            "kind": _CHECKPOINT,
-            "experience": len(self._experience),
-            "ppo": ppo,
-            "interview": self._interview.state_dict(),
-            "reward": reward,
-            "objectives": self._monitor.means,
-        }
-        write_tensors(self._directory.checkpoint, arrays, metadata)
+        interview = self._interview.state_dict()
+        return arrays, {"experience": len(self._experience), "interview": interview, "reward": reward}
+
+    def load_state_dict(self, arrays: Arrays, metadata: dict[str, Any]) -> None:
+        """Go on where :meth:`state_dict` was taken, with the answers that the interview has read."""
+        self._interview.load_state_dict(metadata["interview"])
+        self._monitor.queries = self._interview.num_answers
+        self._reward.load_state_dict(arrays_under(arrays, "reward."), metadata["reward"])
+        recent = zip(arrays["recent.streams"], arrays["recent.actions"], strict=True)
+        self._recent.extend(Replay(int(stream), actions) for stream, actions in recent)
+        for number in range(int(metadata["experience"])):
+            part = f"experience.{number}"
+            self._experience.append((arrays[f"{part}.states"], arrays[f"{part}.actions"]))
 
     def _on_rollout_start(self) -> None:
         assert isinstance(self.model, PPO)
@@ -424,7 +372,7 @@ class RewardLearner(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         assert isinstance(self.model, PPO)
-        progress = self.num_timesteps / (self._config.steps - self._untrained_steps)
+        progress = self.num_timesteps / (self._config.steps - self._steps_before)
         due = self._config.due_queries(progress) - self._interview.num_answers
         if due > 0 and len(self._recent) > 1:
             self._interview.ask(list(self._recent), due, self._env_steps)

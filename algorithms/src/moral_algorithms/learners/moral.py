@@ -16,12 +16,11 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards
@@ -36,17 +35,16 @@ from moral_algorithms.learners.ppo import (
     OnProgress,
     PPOConfig,
     learn,
-    load_ppo_state,
     make_ppo,
-    ppo_state,
 )
 from moral_algorithms.learners.query_queue import People, QueryQueue
 from moral_algorithms.learners.recorded import RecordedAnswers, RecordedAsker, vector_returns
+from moral_algorithms.learners.resuming import ResumableLearner, require_unstarted
 from moral_algorithms.preferences import Posterior, Teacher
 from moral_algorithms.replay import Replay
-from moral_algorithms.run_directory import RunDirectory, append_line, read_lines, repair_lines, write_lines
+from moral_algorithms.run_directory import RunDirectory, append_line
 from moral_algorithms.seeding import spawn_seeds
-from moral_algorithms.storage import StorageError, first_line, read_tensors, write_tensors
+from moral_algorithms.storage import Arrays
 from moral_algorithms.worlds import WorldSpec
 
 
@@ -134,9 +132,7 @@ def train_moral(
         queries in the directory and ``resume`` is False.
     """
     if not resume:
-        for path in (directory.checkpoint, directory.queries):
-            if path.exists():
-                raise StorageError(f"{path} is there already; resume that run or choose another folder")
+        require_unstarted(directory)
     built = world.build()
     ppo_seed, posterior_seed, candidate_seed = spawn_seeds(seed, 3)
     engine = EngineVecEnv(built, config.ppo.num_envs, seed=ppo_seed)
@@ -157,6 +153,7 @@ def train_moral(
         span = config.query_span * config.steps
         asker = TeacherAsker(teacher, chooser, posterior, span, config.queries, directory.queries)
     learner = PreferenceLearner(venv, posterior, asker, config.checkpoint_every, directory, monitor)
+    asker.read()
     learner.restore(model)
     common = [BatchedBootstrap(), monitor, learner]
     if isinstance(teacher, People):
@@ -169,11 +166,10 @@ def train_moral(
     return AlignedAgent(model.policy, posterior.weights(), model.num_timesteps)
 
 
-class PreferenceLearner(BaseCallback):
+class PreferenceLearner(ResumableLearner):
     """Keeps what queries are chosen from, replaces the weights after answers and saves the training.
 
-    Queries compare two of the last finished episodes, one per environment. It acts between rollouts, where
-    training can be saved and continued exactly.
+    Queries compare two of the last finished episodes, one per environment.
 
     Parameters
     ----------
@@ -200,83 +196,38 @@ class PreferenceLearner(BaseCallback):
         directory: RunDirectory,
         monitor: ObjectiveMonitor,
     ) -> None:
-        super().__init__()
+        super().__init__("moral-checkpoint", directory, monitor)
         self._venv = venv
         self._posterior = posterior
         self._asker = asker
         self._checkpoint_every = checkpoint_every
-        self._directory = directory
-        self._monitor = monitor
         self._rollouts = 0
         self.recent: deque[Episode] = deque(maxlen=venv.num_envs)
         """The last finished episodes."""
 
-    def restore(self, model: PPO) -> None:
-        """Go on from the last checkpoint, if there is one, and from the queries answered since.
-
-        Raises
-        ------
-        StorageError
-            If what is in the run directory is damaged or of another run.
-        """
-        repair_lines(self._directory.metrics)
-        self._asker.read()
-        if self._directory.checkpoint.exists():
-            self._load_checkpoint(model)
-        # Training goes through the rollouts after the checkpoint once more, and writes their lines again.
-        lines = read_lines(self._directory.metrics)
-        kept = [line for line in lines if line["env_steps"] <= model.num_timesteps]
-        if len(kept) < len(lines):
-            write_lines(self._directory.metrics, kept)
-
-    def _load_checkpoint(self, model: PPO) -> None:
-        arrays, metadata = read_tensors(self._directory.checkpoint, "moral-checkpoint")
-        try:
-            load_ppo_state(model, arrays, metadata["ppo"])
-            posterior = metadata["posterior"]
-            self._posterior.load_state_dict(
-                {**posterior, "returns": arrays["posterior.returns"], "samples": arrays["posterior.samples"]}
-            )
-            self._asker.load_state_dict(metadata["asker"])
-            self._monitor.means = metadata["objectives"]
-            names = ("returns", "objectives", "streams", "actions")
-            recent = zip(*(arrays[f"recent.{name}"] for name in names), strict=True)
-            self.recent.extend(
-                Episode(returns, objectives, Replay(int(stream), actions))
-                for returns, objectives, stream, actions in recent
-            )
-        except StorageError:
-            raise
-        except (KeyError, TypeError, ValueError, IndexError, RuntimeError) as error:
-            reason = first_line(error)
-            raise StorageError(f"{self._directory.checkpoint} does not fit this run: {reason}") from error
-        self._monitor.queries = self._posterior.num_queries
-
-    def save(self, model: PPO) -> None:
-        """Write a checkpoint.
-
-        Raises
-        ------
-        StorageError
-            If it cannot be written; the last one is untouched then.
-        """
-        arrays, ppo = ppo_state(model)
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
+        """Copy the posterior, the asker's state and the last episodes."""
         posterior = self._posterior.state_dict()
-        arrays["posterior.returns"] = posterior.pop("returns")
-        arrays["posterior.samples"] = posterior.pop("samples")
+        arrays = {f"posterior.{name}": posterior.pop(name) for name in ("returns", "samples")}
         recent = self.recent
         arrays["recent.returns"] = np.array([episode.returns for episode in recent], dtype=np.float32)
         arrays["recent.objectives"] = np.array([episode.objectives for episode in recent], dtype=np.int64)
         arrays["recent.streams"] = np.array([episode.replay.stream for episode in recent], dtype=np.uint64)
         arrays["recent.actions"] = np.array([episode.replay.actions for episode in recent], dtype=np.uint8)
-        metadata = {
-            "kind": "moral-checkpoint",
-            "ppo": ppo,
-            "posterior": posterior,
-            "asker": self._asker.state_dict(),
-            "objectives": self._monitor.means,
-        }
-        write_tensors(self._directory.checkpoint, arrays, metadata)
+        return arrays, {"posterior": posterior, "asker": self._asker.state_dict()}
+
+    def load_state_dict(self, arrays: Arrays, metadata: dict[str, Any]) -> None:
+        """Go on where :meth:`state_dict` was taken, with the answers that the asker has read."""
+        returns = {name: arrays[f"posterior.{name}"] for name in ("returns", "samples")}
+        self._posterior.load_state_dict({**metadata["posterior"], **returns})
+        self._asker.load_state_dict(metadata["asker"])
+        self._monitor.queries = self._posterior.num_queries
+        names = ("returns", "objectives", "streams", "actions")
+        recent = zip(*(arrays[f"recent.{name}"] for name in names), strict=True)
+        self.recent.extend(
+            Episode(returns, objectives, Replay(int(stream), actions))
+            for returns, objectives, stream, actions in recent
+        )
 
     def _on_step(self) -> bool:
         if self.locals["dones"].any():

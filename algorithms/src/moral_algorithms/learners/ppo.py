@@ -27,7 +27,7 @@ from moral_algorithms.networks.policies import (
     EgocentricFeatures,
     EgocentricPolicy,
 )
-from moral_algorithms.storage import Arrays
+from moral_algorithms.storage import Arrays, arrays_under
 
 
 @dataclass(frozen=True)
@@ -286,11 +286,11 @@ def load_ppo_state(model: PPO, arrays: Arrays, metadata: dict[str, Any]) -> None
     KeyError, IndexError, ValueError, RuntimeError
         If the state is of another model.
     """
-    policy = {name: torch.from_numpy(value) for name, value in _under(arrays, "policy.").items()}
+    policy = {name: torch.from_numpy(value) for name, value in arrays_under(arrays, "policy.").items()}
     model.policy.load_state_dict(policy)
-    load_optimiser_state(model.policy.optimizer, _under(arrays, "optimiser."))
+    load_optimiser_state(model.policy.optimizer, arrays_under(arrays, "optimiser."))
     scaled, scalarised = _environments(model)
-    model._last_obs = scalarised.load_state_dict(_under(arrays, "venv."))
+    model._last_obs = scalarised.load_state_dict(arrays_under(arrays, "venv."))
     scaled.returns = arrays["scale.returns"].copy()
     mean, variance, count = arrays["scale.statistics"]
     scaled.ret_rms.mean, scaled.ret_rms.var, scaled.ret_rms.count = np.array(mean), np.array(variance), count
@@ -322,7 +322,3 @@ def _environments(model: PPO) -> tuple[VecNormalize, ScalarisedRewards]:
 def _array(tensor: torch.Tensor) -> NDArray[Any]:
     array: NDArray[Any] = tensor.detach().cpu().numpy().copy()
     return array
-
-
-def _under(arrays: Arrays, prefix: str) -> Arrays:
-    return {name[len(prefix) :]: value for name, value in arrays.items() if name.startswith(prefix)}

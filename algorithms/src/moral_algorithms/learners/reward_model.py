@@ -13,7 +13,7 @@ from torch.nn import functional
 from moral_algorithms.learners.checkpoints import load_optimiser_state, optimiser_state
 from moral_algorithms.learners.clips import AnsweredClips, Pairs, Recording
 from moral_algorithms.networks.rewards import ACTION_REWARD_ARCHITECTURES, ActionRewardEnsemble
-from moral_algorithms.storage import Arrays
+from moral_algorithms.storage import Arrays, arrays_under
 
 _LOSS_MEMORY = 0.98
 # States that go through the networks at once where no gradient is kept.
@@ -213,17 +213,10 @@ class RewardModel:
             If the state is of another ensemble.
         """
         network = {
-            name.removeprefix("network."): torch.from_numpy(value.copy())
-            for name, value in arrays.items()
-            if name.startswith("network.")
+            name: torch.from_numpy(value.copy()) for name, value in arrays_under(arrays, "network.").items()
         }
         self.network.load_state_dict(network)
-        optimiser = {
-            name.removeprefix("optimiser."): value
-            for name, value in arrays.items()
-            if name.startswith("optimiser.")
-        }
-        load_optimiser_state(self._optimiser, optimiser)
+        load_optimiser_state(self._optimiser, arrays_under(arrays, "optimiser."))
         self.losses = {str(name): float(loss) for name, loss in metadata["losses"].items()}
         self._rng.bit_generator.state = metadata["batches"]
 

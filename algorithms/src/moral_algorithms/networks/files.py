@@ -22,7 +22,7 @@ from torch import nn
 from moral_algorithms.networks.conditioned import ConditionedPolicy
 from moral_algorithms.networks.policies import POLICIES
 from moral_algorithms.networks.rewards import ActionRewardEnsemble, ShapedRewardNetwork
-from moral_algorithms.storage import Arrays, StorageError, read_tensors, write_tensors
+from moral_algorithms.storage import StorageError, read_tensors, write_tensors
 from moral_algorithms.worlds import WorldSpec
 from moral_envs.engine import Engine
 from moral_envs.world import NUM_ACTIONS
@@ -91,8 +91,7 @@ def save_policy(path: Path, policy: ActorCriticPolicy, preset: str, world: World
     StorageError
         If it cannot be written.
     """
-    header = {"kind": _POLICY, "version": VERSION, "world": world.to_json(), "preset": preset}
-    write_tensors(path, _arrays(policy), header)
+    _save(path, _POLICY, policy, world, preset=preset)
 
 
 def load_policy(path: Path, device: str = "cpu") -> StoredPolicy:
@@ -130,14 +129,7 @@ def save_conditioned_policy(path: Path, policy: ConditionedPolicy, world: WorldS
     StorageError
         If it cannot be written.
     """
-    header = {
-        "kind": _CONDITIONED,
-        "version": VERSION,
-        "world": world.to_json(),
-        "components": policy.components,
-        "span": policy.span,
-    }
-    write_tensors(path, _arrays(policy), header)
+    _save(path, _CONDITIONED, policy, world, components=policy.components, span=policy.span)
 
 
 def load_conditioned_policy(path: Path, device: str = "cpu") -> StoredConditionedPolicy:
@@ -179,15 +171,8 @@ def save_reward(path: Path, network: ShapedRewardNetwork, normaliser: float, wor
     StorageError
         If it cannot be written.
     """
-    header = {
-        "kind": _REWARD,
-        "version": VERSION,
-        "world": world.to_json(),
-        "architecture": network.architecture,
-        "gamma": network.gamma,
-        "normaliser": normaliser,
-    }
-    write_tensors(path, _arrays(network), header)
+    architecture, gamma = network.architecture, network.gamma
+    _save(path, _REWARD, network, world, architecture=architecture, gamma=gamma, normaliser=normaliser)
 
 
 def load_reward(path: Path, device: str = "cpu") -> StoredReward:
@@ -226,15 +211,16 @@ def save_action_reward(path: Path, network: ActionRewardEnsemble, world: WorldSp
     StorageError
         If it cannot be written.
     """
-    header = {
-        "kind": _ACTION_REWARD,
-        "version": VERSION,
-        "world": world.to_json(),
-        "architecture": network.architecture,
-        "num_actions": network.num_actions,
-        "members": len(network.members),
-    }
-    write_tensors(path, _arrays(network), header)
+    architecture, num_actions, members = network.architecture, network.num_actions, len(network.members)
+    _save(
+        path,
+        _ACTION_REWARD,
+        network,
+        world,
+        architecture=architecture,
+        num_actions=num_actions,
+        members=members,
+    )
 
 
 def load_action_reward(path: Path, device: str = "cpu") -> StoredActionReward:
@@ -254,6 +240,11 @@ def load_action_reward(path: Path, device: str = "cpu") -> StoredActionReward:
     return StoredActionReward(network.to(device), world)
 
 
+def _save(path: Path, kind: str, network: nn.Module, world: WorldSpec, **build: Any) -> None:
+    arrays = {name: tensor.detach().cpu().numpy() for name, tensor in network.state_dict().items()}
+    write_tensors(path, arrays, {"kind": kind, "version": VERSION, "world": world.to_json(), **build})
+
+
 def _load(
     path: Path, kind: str, build: Callable[[dict[str, Any], WorldSpec], Network]
 ) -> tuple[Network, dict[str, Any], WorldSpec]:
@@ -269,10 +260,6 @@ def _load(
             f"{path} is damaged or not what it should be: {' '.join(str(error).split())}"
         ) from error
     return network, header, world
-
-
-def _arrays(network: nn.Module) -> Arrays:
-    return {name: tensor.detach().cpu().numpy() for name, tensor in network.state_dict().items()}
 
 
 def _state_shape(world: WorldSpec) -> tuple[int, int, int]:

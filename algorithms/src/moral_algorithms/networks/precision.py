@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 
-
 # Of processors that multiply bfloat16 matrices in hardware: Intel's tiles, and the vectors of several makers.
 _INSTRUCTIONS = ("_is_amx_tile_supported", "_is_avx512_bf16_supported")
 

@@ -16,10 +16,10 @@ from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_pol
 from moral_algorithms.pipeline.presets import airl_config, expert_config
 from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
 from moral_algorithms.pipeline.reward_vector import (
+    choose_world,
     component_names,
     normaliser_config,
     reward_components,
-    world_of_rewards,
 )
 from moral_algorithms.pipeline.stage import Setting
 from moral_algorithms.pipeline.teaching import TeacherConfig
@@ -39,6 +39,7 @@ __all__ = [
     "begin_moral",
     "begin_replay",
     "changes_since_start",
+    "choose_world",
     "component_names",
     "cover",
     "demonstrate",
@@ -57,5 +58,4 @@ __all__ = [
     "read_setting",
     "reward_components",
     "spawn_seeds",
-    "world_of_rewards",
 ]

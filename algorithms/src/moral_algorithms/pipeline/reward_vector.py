@@ -57,14 +57,16 @@ def normaliser_config(world: str = "emergency") -> ExpertConfig:
     return ExpertConfig(max_steps=150_000, ppo=PPOConfig(entropy_start=0.01, entropy_end=0.01))
 
 
-def world_of_rewards(rewards: tuple[Path, ...]) -> WorldSpec:
-    """Find the world that the first of several rewards was learned in; of none, the default.
+def choose_world(name: str | None, rules: dict[str, int], rewards: tuple[Path, ...]) -> WorldSpec:
+    """Take the world that is given; without name and rules, that of the first reward; of none, the default.
 
     Raises
     ------
-    StorageError
-        If the reward cannot be read.
+    ValueError
+        If there is no such world, or the reward cannot be read.
     """
+    if name is not None or rules:
+        return WorldSpec(name or "emergency", rules)
     return load_reward(rewards[0] / _REWARD).world if rewards else WorldSpec()
 
 

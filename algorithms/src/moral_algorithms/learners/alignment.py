@@ -32,8 +32,10 @@ class AlignmentConfig(InferenceConfig):
     concentration: float = 3.0
     """Of the rationality prior's weights. With 1 a few answers may leave a component out: the policy follows
     at once, its episodes say nothing more of what is missing, and no answer asks for it again."""
-    episodes: int = 64
-    """Fresh episodes from which each query is chosen."""
+    candidates: int = 4000
+    """Random pairs of the fresh episodes from which each query is chosen."""
+    episodes: int = 256
+    """Fresh episodes for each query. Of many, some pairs differ in little but what is to be found out."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box, Space
 from imitation.rewards.reward_nets import BasicRewardNet, BasicShapedRewardNet, RewardNet
 
 
@@ -43,9 +44,15 @@ class NearbyRewardNet(RewardNet):  # type: ignore[misc]
     cells: torch.Tensor
 
     def __init__(
-        self, observation_space: Box, action_space: Discrete, radius: int, reach: int, hidden: Sequence[int]
+        self,
+        observation_space: Space[Any],
+        action_space: Space[Any],
+        radius: int,
+        reach: int,
+        hidden: Sequence[int],
     ) -> None:
         super().__init__(observation_space, action_space)
+        assert observation_space.shape is not None
         width = 2 * radius + 1
         kept = slice(radius - reach, radius + reach + 1)
         cells = np.arange(observation_space.shape[0]).reshape(-1, width, width)[:, kept, kept].reshape(-1)

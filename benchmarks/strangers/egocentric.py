@@ -37,6 +37,32 @@ def crop(planes: NDArray[np.uint8], radius: int) -> NDArray[np.float32]:
     return np.ascontiguousarray(window).reshape(-1)
 
 
+def batch_crop(planes: NDArray[np.uint8], radius: int) -> NDArray[np.uint8]:
+    """Crop a batch as :func:`crop` does a single observation, as bytes.
+
+    Parameters
+    ----------
+    planes
+        uint8 0/1 planes of shape (n, C, H, W), walls first and the agent second.
+    radius
+        Cells seen in each direction; beyond the world there is wall.
+
+    Returns
+    -------
+    uint8 array of shape (n, (C - 1) * (2 * radius + 1) ** 2)
+    """
+    batch, count, height, width = planes.shape
+    agents = planes[:, AGENT].reshape(batch, -1).argmax(axis=1)
+    around = np.arange(-radius, radius + 1)
+    rows, columns = (agents // width)[:, None] + around, (agents % width)[:, None] + around
+    inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None]
+    # The top left corner stands for all that lies outside: it is wall, and nothing else is ever on it.
+    cells = np.where(inside, rows[:, :, None] * width + columns[:, None], 0).reshape(batch, 1, -1)
+    others = np.delete(planes, AGENT, axis=1).reshape(batch, count - 1, -1)
+    window: NDArray[np.uint8] = np.take_along_axis(others, cells, axis=2).reshape(batch, -1)
+    return window
+
+
 def cropped_space(space: gymnasium.Space[Any], radius: int) -> Box:
     """Space of the crops of observations from ``space``."""
     assert space.shape is not None

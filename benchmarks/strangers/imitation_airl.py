@@ -16,16 +16,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
+from torch import nn
 
-from benchmarks.strangers.egocentric import crop
+from benchmarks.strangers.egocentric import batch_crop
 from benchmarks.strangers.imitation_emergency import (
     PACKAGES,
     WORKAROUNDS,
     LearnerConfig,
     Progress,
+    anneal,
     make_envs,
     make_ppo,
     measure,
+    scale_by_returns,
     silent_logger,
 )
 from benchmarks.strangers.training import Stranger, emergency_baselines, train_and_report
@@ -44,22 +48,21 @@ class Config(LearnerConfig):
     demonstrations
         Episodes to learn from, one training each.
     demo_batch_size, n_disc_updates_per_round
-        As in `imitation`'s AIRL.
-    reward_hid_sizes, potential_hid_sizes
-        As in its ``BasicShapedRewardNet``.
+        As in `imitation`'s AIRL; a round is one rollout.
+    disc_learning_rate
+        Step size of the discriminator's Adam; it falls linearly to a twentieth.
+    reward_hidden
+        Layers of g and of h in the reward f = g(s) + gamma * h(s') - h(s).
     """
 
-    steps: int = 300_000
+    steps: int = 512_000
     weights: tuple[float, float] = (0.0, 1.0)
-    gamma: float = 0.95
-    ent_coef: float = 0.02
-    # Rewards of unit variance make large returns, whose loss would take the policy's share of the gradient.
-    vf_coef: float = 0.02
+    ent_coef: float = 0.3
     demonstrations: tuple[int, ...] = (50, 500)
     demo_batch_size: int = 512
-    n_disc_updates_per_round: int = 8
-    reward_hid_sizes: tuple[int, ...] = (64,)
-    potential_hid_sizes: tuple[int, ...] = (64, 64)
+    n_disc_updates_per_round: int = 16
+    disc_learning_rate: float = 1e-3
+    reward_hidden: tuple[int, ...] = (128, 128)
 
 
 def read_demonstrations(path: Path, episodes: int, radius: int) -> list[Any]:
@@ -78,10 +81,11 @@ def read_demonstrations(path: Path, episodes: int, radius: int) -> list[Any]:
         raise ValueError(f"{path} holds {len(actions)} episodes; it must hold at least {episodes}")
     return [
         Trajectory(
-            obs=np.array([crop(planes, radius) for planes in states[episode]]),
+            obs=batch_crop(states[episode], radius),
             acts=actions[episode].astype(np.int64),
             infos=None,
-            terminal=True,
+            # A horizon cuts episodes off.
+            terminal=False,
         )
         for episode in range(episodes)
     ]
@@ -90,31 +94,42 @@ def read_demonstrations(path: Path, episodes: int, radius: int) -> list[Any]:
 def train(seed: int, config: Config, episodes: int) -> tuple[Any, Progress]:
     """Train one imitator."""
     from imitation.algorithms.adversarial.airl import AIRL
-    from imitation.rewards.reward_nets import BasicShapedRewardNet, NormalizedRewardNet
-    from imitation.util.networks import RunningNorm
+
+    from benchmarks.strangers.imitation_rewards import UnendingRewardNet
 
     progress = Progress()
     envs = make_envs(config, progress, seed)
     learner = make_ppo(envs, config, seed)
-    reward = BasicShapedRewardNet(
+    reward = UnendingRewardNet(
         envs.observation_space,
         envs.action_space,
-        reward_hid_sizes=config.reward_hid_sizes,
-        potential_hid_sizes=config.potential_hid_sizes,
+        reward_hid_sizes=config.reward_hidden,
+        potential_hid_sizes=config.reward_hidden,
+        use_action=False,
         discount_factor=config.gamma,
+        activation=nn.LeakyReLU,
     )
+    optimiser = torch.optim.Adam(reward.parameters(), lr=config.disc_learning_rate)
+
+    def after_round(_: int) -> None:
+        progress.note()
+        anneal(learner, [optimiser], config, config.disc_learning_rate, progress.env_steps / config.steps)
+
     with silent_logger() as logger:
         trainer = AIRL(
             demonstrations=read_demonstrations(DEMONSTRATIONS, episodes, config.radius),
             demo_batch_size=config.demo_batch_size,
             n_disc_updates_per_round=config.n_disc_updates_per_round,
+            # It makes its optimiser out of a class; this one has to be at hand.
+            disc_opt_cls=lambda _: optimiser,
             venv=envs,
             gen_algo=learner,
-            reward_net=NormalizedRewardNet(reward, normalize_output_layer=RunningNorm),
+            reward_net=reward,
             custom_logger=logger,
         )
+        scale_by_returns(learner, trainer.venv_train)
         progress.begin()
-        trainer.train(config.steps, callback=progress.note)
+        trainer.train(config.steps, callback=after_round)
     return learner, progress
 
 

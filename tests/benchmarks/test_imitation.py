@@ -11,17 +11,18 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from stable_baselines3.common.vec_env import VecNormalize
 
 from benchmarks.harness import Results
 from benchmarks.rows import peers
 from benchmarks.stages import FromPreferences, LearnedNorm
 from benchmarks.strangers import imitation_airl, imitation_preferences
+from benchmarks.strangers.egocentric import crop
 from benchmarks.strangers.imitation_emergency import (
     EPISODES_OF_A_POINT,
     GOAL_STEP,
-    LexicographicReward,
+    EmergencyVecEnv,
     Progress,
-    make_env,
 )
 from moral_envs import optimal
 
@@ -31,18 +32,22 @@ OBJECTIVES = {"people_saved": 5.9, "goal_time": 20.0}
 CURVE = {"env_steps": [1000, 2000], "people_saved": [2.0, 5.9], "goal_time": [1.0, 20.0]}
 
 
-def play(env: gymnasium.Env[Any, int], seed: int, actions: Any) -> float:
-    env.reset(seed=seed)
-    return sum(float(env.step(int(action))[1]) for action in actions)
+def play(envs: EmergencyVecEnv, seed: int, actions: Any) -> float:
+    envs.seed(seed)
+    envs.reset()
+    return sum(float(envs.step(np.array([action]))[1][0]) for action in actions)
+
+
+def start_of(seed: int) -> Any:
+    return gymnasium.make("moral/Emergency-v0").reset(seed=seed)[0]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_reward_adds_up_to_the_counters(seed: int) -> None:
     progress = Progress()
-    env = LexicographicReward(gymnasium.make("moral/Emergency-v0"), progress)
-    start, _ = env.reset(seed=seed)
+    envs = EmergencyVecEnv(1, 5, progress)
     for saved in (6, 3):
-        total = play(env, seed, optimal.optimal_actions(start, 75, saved))
+        total = play(envs, seed, optimal.optimal_actions(start_of(seed), 75, saved))
         goal_time, people_saved = progress.final_objectives[-1].tolist()
         assert people_saved == saved
         assert total == saved + GOAL_STEP * goal_time
@@ -55,12 +60,55 @@ def test_one_person_more_outweighs_all_goal_time() -> None:
 
 
 def test_the_reward_begins_anew_with_every_episode() -> None:
-    env = LexicographicReward(gymnasium.make("moral/Emergency-v0"), Progress())
-    start, _ = env.reset(seed=1)
-    actions = optimal.optimal_actions(start, 75, 6)
-    for action in actions[:40]:
-        env.step(int(action))
-    assert play(env, 1, actions) >= 6
+    envs = EmergencyVecEnv(1, 5, Progress())
+    actions = optimal.optimal_actions(start_of(1), 75, 6)
+    play(envs, 1, actions[:40])
+    assert play(envs, 1, actions) >= 6
+    # The next one begins where that one ended.
+    assert float(envs.step(np.array([4]))[1][0]) <= GOAL_STEP
+
+
+def test_a_horizon_cuts_episodes_off() -> None:
+    envs = EmergencyVecEnv(2, 2, Progress())
+    envs.seed(0)
+    first = envs.reset()
+    for _ in range(74):
+        seen, _, ended, infos = envs.step(np.array([4, 4]))
+        assert not ended.any()
+        assert infos == [{}, {}]
+    seen, _, ended, infos = envs.step(np.array([4, 4]))
+    assert ended.all()
+    # Who waits sees at the end what it saw at the start, and then another room.
+    assert np.array_equal([info["terminal_observation"] for info in infos], first)
+    assert not np.array_equal(seen, first)
+    assert all(info["TimeLimit.truncated"] for info in infos)
+
+
+@needs_imitation
+def test_the_end_of_an_episode_reaches_the_learner() -> None:
+    from imitation.data.wrappers import BufferingWrapper
+    from imitation.rewards.reward_wrapper import RewardVecEnvWrapper
+
+    inner = EmergencyVecEnv(2, 2, Progress())
+    envs = VecNormalize(
+        RewardVecEnvWrapper(BufferingWrapper(inner), lambda *transitions: np.ones(2)), norm_obs=False
+    )
+    envs.reset()
+    for _ in range(75):
+        _, _, ended, infos = envs.step(np.array([4, 4]))
+    assert ended.all()
+    assert all(info["TimeLimit.truncated"] and "terminal_observation" in info for info in infos)
+
+
+@needs_imitation
+def test_the_shaped_reward_knows_no_end() -> None:
+    from benchmarks.strangers.imitation_rewards import UnendingRewardNet
+
+    envs = EmergencyVecEnv(3, 2, Progress())
+    network = UnendingRewardNet(envs.observation_space, envs.action_space, discount_factor=0.9)
+    seen, actions = envs.reset(), np.zeros(3, dtype=np.int64)
+    rewards = [network.predict(seen, actions, seen, np.full(3, done)) for done in (False, True)]
+    assert np.array_equal(*rewards)
 
 
 def test_a_curve_shows_the_latest_episodes() -> None:
@@ -85,11 +133,15 @@ def test_the_demonstrations_are_those_of_an_expert_who_saves() -> None:
     assert goal_time < 5
 
 
-def test_an_environment_is_flat_and_egocentric() -> None:
-    env = make_env(radius=2, progress=Progress())
-    observation, _ = env.reset(seed=0)
-    assert observation.shape == (3 * 5 * 5,)
-    assert env.observation_space.contains(observation)
+@pytest.mark.parametrize("radius", [1, 2, 5])
+def test_environments_are_flat_and_egocentric(radius: int) -> None:
+    envs = EmergencyVecEnv(9, radius, Progress())
+    envs.seed(3)
+    observations = envs.reset()
+    assert observations.shape == (9, 3 * (2 * radius + 1) ** 2)
+    for number, observation in enumerate(observations):
+        assert envs.observation_space.contains(observation)
+        assert np.array_equal(observation, crop(start_of(3 + number), radius))
 
 
 @needs_imitation
@@ -109,6 +161,7 @@ def test_too_few_demonstrations_are_refused() -> None:
                 steps=1200,
                 demonstrations=(2, 3),
                 num_envs=4,
+                n_steps=75,
                 batch_size=75,
                 demo_batch_size=64,
                 starts=3,
@@ -123,6 +176,7 @@ def test_too_few_demonstrations_are_refused() -> None:
                 comparisons=20,
                 num_iterations=2,
                 num_envs=4,
+                n_steps=75,
                 batch_size=75,
                 starts=3,
                 radius=2,

@@ -121,7 +121,7 @@ def ask(browser: TestClient, path: str, method: str, headers: dict[str, str], bo
     assert response.status_code < 500, (method, path, headers, body, response.text)
     if response.status_code == 401 and response.headers["content-type"].startswith("text/html"):
         # What a person who opens the page without its link is told.
-        assert (method, path.partition("?")[0]) == ("GET", "/")
+        assert (method, response.url.path) == ("GET", "/")
     elif response.status_code >= 400 and method != "HEAD":
         error = response.json()
         assert isinstance(error["error"], str)

@@ -39,12 +39,7 @@ def test_in_a_terminal_a_bar_ends_full(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ctrl_c_is_ignored_for_a_moment_and_no_longer() -> None:
-    # In the background of a script, Python is told to ignore it.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with uninterrupted():
-            signal.raise_signal(signal.SIGINT)
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    with uninterrupted():
+        signal.raise_signal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)

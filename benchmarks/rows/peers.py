@@ -99,7 +99,7 @@ def _flatten(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def _rename(result: dict[str, Any]) -> dict[str, Any]:
-    """Bring a result of the peer's into the common form: processor seconds are those of an idle machine."""
+    """Bring a result of the peer's into the common form: processor seconds, nearest to an idle machine's."""
     curve = {**result["curve"], "seconds": result["curve"]["processor_seconds"]}
     return {**result, "seconds": result["processor_seconds"], "curve": curve}
 

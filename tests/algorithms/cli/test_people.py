@@ -27,6 +27,7 @@ def test_components_are_called_as_the_person_who_asks_wants() -> None:
     ("names", "message"),
     [
         ({"learned_2": "saving"}, "names has 'learned_2'; it must be one of extinguish, learned_1"),
+        ({"learned_1": "extinguish"}, "names makes them extinguish, extinguish; no two may be the same"),
         ({"learned_1": " "}, "the name of learned_1 is ' '; it must have 1 to 18 characters"),
         ({"learned_1": "x" * 19}, f"the name of learned_1 is '{'x' * 19}'; it must have 1 to 18 characters"),
     ],

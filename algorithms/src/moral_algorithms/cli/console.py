@@ -16,6 +16,7 @@ import rich.console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 from rich.table import Column, Table
+from rich.text import Text
 
 if TYPE_CHECKING:
     from moral_algorithms.learners.ppo import OnProgress, Progress
@@ -64,7 +65,8 @@ class Console:
         for index, name in enumerate(header):
             table.add_column(name, justify="right" if index else "left", no_wrap=True)
         for row in rows:
-            table.add_row(*row)
+            # As it is: what people have named may look like markup.
+            table.add_row(*map(Text, row))
         self._out.print(title, markup=False, style="bold")
         self._out.print(table)
 
@@ -140,7 +142,9 @@ def end_with_reader(command: Callable[[], int]) -> int:
             return command()
         finally:
             # Here a failure can be caught; when Python itself does it at its end, it cannot.
-            sys.stdout.flush()
+            # None where the output was closed from the start.
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except BrokenPipeError:
         # What is still buffered goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -40,19 +40,23 @@ class People:
         Raises
         ------
         ValueError
-            If a name is given to what is no component, or does not fit beside a chart.
+            If a name is given to what is no component, is another's, or does not fit beside a chart.
         """
         components = pipeline.component_names(run)
         for component, name in self.names.items():
             if component not in components:
                 raise ValueError(f"names has {component!r}; it must be one of {', '.join(components)}")
-            if not 0 < len(name.strip()) <= _LONGEST_NAME:
+            if not 0 < len(name.strip()) <= _LONGEST_NAME or not name.isprintable():
                 raise ValueError(
                     f"the name of {component} is {name!r}; it must have 1 to {_LONGEST_NAME} characters"
                 )
+        given = {component: name.strip() for component, name in self.names.items()}
         learned = components[len(run.primary) :]
         experts = ["the expert"] if len(learned) == 1 else [f"expert {i + 1}" for i in range(len(learned))]
-        return {**dict(zip(components, (*run.primary, *experts), strict=True)), **self.names}
+        names = {**dict(zip(components, (*run.primary, *experts), strict=True)), **given}
+        if len(set(names.values())) < len(names):
+            raise ValueError(f"names makes them {', '.join(names.values())}; no two may be the same")
+        return names
 
     def read_notice(self) -> str | None:
         """Read the notice.

@@ -46,7 +46,8 @@ class InferenceConfig:
     prior: str = "rationality"
     """Prior over the weights: rationality (infers the teacher's) or ball (thesis eq. 4.4)."""
     concentration: float = 1.0
-    """Of the rationality prior's weights: 1 holds all alike, more that every component counts."""
+    """Of the rationality prior's weights: 1 holds all alike, more that every component counts. The ball prior
+    has none."""
     likelihood: str = "bradley_terry"
     """Likelihood of an answer: bradley_terry (eq. 4.1) or exponential (eq. 4.12)."""
     rationality: float = 20.0
@@ -77,8 +78,6 @@ class InferenceConfig:
             raise ValueError(f"lapse is {self.lapse}; it must be at least 0 and below 1")
         if not (math.isfinite(self.concentration) and self.concentration >= 1):
             raise ValueError(f"concentration is {self.concentration}; it must be at least 1 and finite")
-        if self.prior == "ball" and self.concentration != 1:
-            raise ValueError(f"concentration is {self.concentration}; it must be 1 with the ball prior")
         if self.likelihood == "exponential" and self.prior != "ball":
             raise ValueError(
                 f"prior is {self.prior!r}; it must be 'ball' with the exponential likelihood, which tells "

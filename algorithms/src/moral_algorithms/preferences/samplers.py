@@ -80,7 +80,7 @@ def metropolis(
     num_warm_up: int = 500,
     num_thinning: int = 20,
 ) -> FloatArray:
-    """Random walk Metropolis from v = 0, the mode of the thesis's proxy (eq. 4.6 to 4.8).
+    """Random walk Metropolis from beside v = 0, the mode of the thesis's proxy (eq. 4.6 to 4.8).
 
     Several chains run side by side, and `start` gives no more than their number and first sigma. The proposal
     is N(v, sigma**2 I). During the warm-up sigma follows the acceptance rate of all chains towards 0.3, near

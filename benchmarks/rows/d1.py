@@ -50,11 +50,12 @@ def draw(results: Results) -> Figure:
 
 def draw_counters(axes: Any, found: list[dict[str, float]], title: str, colour: str) -> None:
     """Draw bars of all counters, with every seed as a dot."""
-    for place, name in enumerate(found[0] if found else ()):
+    names = list(found[0]) if found else []
+    for place, name in enumerate(names):
         values = [one[name] for one in found]
         axes.bar(place, sum(values) / len(values), 0.6, color=colour, alpha=0.8)
         axes.plot([place] * len(values), values, ".", color="black", markersize=4)
-    axes.set_xticks(range(len(found[0]) if found else 0), [name.replace("_", "\n") for name in found[0]])
+    axes.set_xticks(range(len(names)), [name.replace("_", "\n") for name in names])
     axes.set(title=title, ylabel="per episode")
 
 

@@ -63,8 +63,9 @@ def draw(results: Results) -> Figure:
             curves(accuracy, found, name, colour, name.replace("_", " "))
         counters.set(title=f"AIRL, expert who likes to {norm}", ylabel="per episode")
         accuracy.set(ylabel="accuracy of the discriminator", ylim=(0.4, 1))
-        counters.legend(frameon=False, fontsize=8)
-        accuracy.legend(frameon=False, fontsize=8)
+        if found:
+            counters.legend(frameon=False, fontsize=8)
+            accuracy.legend(frameon=False, fontsize=8)
     return figure
 
 

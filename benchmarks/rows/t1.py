@@ -359,9 +359,16 @@ def _has_primary(run: Orchestrated) -> bool:
     return any(isinstance(arm.source, PrimaryReturn) for arm in run.arms)
 
 
+def _reachable(results: Results) -> dict[str, Any] | None:
+    """Find what can be reached at best; None while that run is not done."""
+    return next((result for _, result in results.of(Reachable)), None)
+
+
 def scores(results: Results) -> dict[tuple[str, str], list[float]]:
     """Compute the score of each capability and method, one per seed; see the module's documentation."""
-    (_, reachable), *_ = results.of(Reachable)
+    reachable = _reachable(results)
+    if reachable is None:
+        return {}
     both, most_fire = reachable["both"], reachable["goal_time"]
     people = both["people_saved"]
     demonstrated = {
@@ -441,11 +448,11 @@ def draw(results: Results) -> Figure:
             label=method,
             alpha=0.8,
         )
-    (_, reachable), *_ = results.of(Reachable)
-    both = reachable["both"]
-    front.scatter(
-        [both["people_saved"]], [both["goal_time"]], marker="+", s=120, color="black", label="exact optimum"
-    )
+    reachable = _reachable(results)
+    if reachable is not None:
+        both = reachable["both"]
+        place = [both["people_saved"]], [both["goal_time"]]
+        front.scatter(*place, marker="+", s=120, color="black", label="exact optimum")
     front.set(xlabel="people saved", ylabel="goal time (steps)", title="Policies over each method's knob")
     front.legend(fontsize=8)
 

@@ -276,7 +276,8 @@ def _perform_here(run: Run, folder: Path, commit: str | None) -> None:
         except Exception:
             traceback.print_exc()
             raise SystemExit(1) from None
-    log.unlink()
+    # Another sweep, which began the same run in the same moment and waited for this one, may have removed it.
+    log.unlink(missing_ok=True)
 
 
 def _perform_there(run: Run, commit: str | None, *needed: Files) -> tuple[Files, str | None]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.harness import Run, Store
+from benchmarks.harness import Run, Store, executors
 from benchmarks.harness.executors import LocalProcesses, Outcome
 from benchmarks.harness.sweep import Sweep, tell
 from tests.benchmarks.harness.runs import Endless, Failing, Square, Threads, Total, Written, times_carried_out
@@ -135,6 +135,22 @@ def test_runs_that_another_sweep_carries_out_are_left_to_it(tmp_path: Path) -> N
     record = store.record(held)
     assert record is not None
     assert record["commit"] == "other"
+
+
+def test_a_run_that_two_sweeps_begin_in_the_same_moment_fails_for_neither(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, run = Store(tmp_path), Square(3)
+
+    def perform(self: Store, run: Run, commit: str | None) -> None:
+        # The other's process ends while this one waits for it, and takes the log along.
+        self.log_path(run).unlink()
+
+    monkeypatch.setattr(executors, "_end_with_parent", lambda: None)
+    monkeypatch.setattr(executors, "prepare_process", lambda: None)
+    monkeypatch.setattr(Store, "perform", perform)
+    executors._perform_here(run, store.folder, None)
+    assert not store.log_path(run).exists()
 
 
 def test_time_left_by_hand(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ class AlignmentConfig(InferenceConfig):
     candidates: int = 4000
     """Random pairs of the fresh episodes from which each query is chosen."""
     episodes: int = 256
-    """Fresh episodes for each query. Of many, some pairs differ in little but what is to be found out."""
+    """Fresh episodes for each query."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

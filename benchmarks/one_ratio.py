@@ -11,10 +11,12 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import Store
+from benchmarks.harness import Run, Store
+from benchmarks.harness.benchmark import PROFILES
 from benchmarks.harness.executors import LocalProcesses, Outcome
 from benchmarks.harness.run import with_needs
 from benchmarks.harness.sweep import Sweep
@@ -30,22 +32,24 @@ _FURTHER = (1, 2, 3)
 """Of (delivered, helped, cleaned)."""
 
 
-def main() -> None:
+def main(options: Sequence[str] | None = None) -> None:
     """Time both ratios and report."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--profile", choices=PROFILES, default="laptop", help="size (default: laptop)")
     parser.add_argument("--seed", type=int, default=0, help="of all stages (default: 0)")
     parser.add_argument("--jobs", type=int, default=2, help="stages at a time (default: 2)")
     parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(options)
     started = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         store = Store(Path(folder))
         ratios = [
-            carry_out(store, three_rewards("laptop", ratio, arguments.seed), arguments.jobs)
+            carry_out(store, three_rewards(arguments.profile, ratio, arguments.seed), arguments.jobs)
             for ratio in (_FIRST, _FURTHER)
         ]
     results = {
         "command": "python -m benchmarks.one_ratio",
+        "profile": arguments.profile,
         "seed": arguments.seed,
         "jobs": arguments.jobs,
         **provenance(started),
@@ -79,7 +83,7 @@ def carry_out(store: Store, run: Asked, jobs: int) -> dict[str, Any]:
     return found
 
 
-def _record(store: Store, run: Any) -> dict[str, Any]:
+def _record(store: Store, run: Run) -> dict[str, Any]:
     record = store.record(run)
     assert record is not None
     return record

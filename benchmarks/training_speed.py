@@ -71,13 +71,13 @@ class Config:
 
     fast_envs: int = 256
     """Environments side by side for ``fast``."""
-    paper_envs: int = 64
+    paper_envs: int = 32
     """Environments side by side for ``paper`` and ``plain``, which take a hundred times as long a step."""
     rollout_steps: int = 25
     """Steps per environment between updates."""
     batch_size: int = 800
     """Transitions per gradient step."""
-    repeats: int = 5
+    repeats: int = 3
     """Rollouts, with the updates that follow, of which the median is taken."""
     seed: int = 0
     """Seed of environments and networks."""

@@ -11,13 +11,13 @@ from moral_algorithms.cli.arguments import BaseCommand
 
 COMMANDS = {
     "agent": (
-        lambda out: train.Command((), out),
-        lambda out: live.Command((), out),
+        lambda out: train.Command(out),
+        lambda out: live.Command(out),
         lambda out: align.Command(Path("covered"), out),
         lambda out: drlhp.Command(out=out),
         lambda out: replay.Command(Path("run"), out=out),
     ),
-    "policy": (lambda out: cover.Command((), out),),
+    "policy": (lambda out: cover.Command(out),),
     "expert": (lambda out: expert.Command(out=out, weights=(0.0, 1.0)),),
     "reward network": (lambda out: airl.Command(Path("demonstrations.npz"), out),),
 }

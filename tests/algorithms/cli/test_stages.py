@@ -12,7 +12,7 @@ from moral_algorithms import pipeline
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.evaluation import play_episodes
 from moral_algorithms.learners.ppo import sampling_seed
-from moral_algorithms.networks.files import load_policy, load_reward
+from moral_algorithms.networks.files import load_conditioned_policy, load_policy, load_reward
 from moral_algorithms.pipeline import evaluate, spawn_seeds
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.worlds import WorldSpec
@@ -83,6 +83,19 @@ def test_several_experts_and_another_teacher(teacher: str, stages: Stages, tmp_p
     stored = json.loads((tmp_path / "config.json").read_text())["teacher"]
     assert (stored["teacher"], stored[teacher]) == (teacher, {"goal_time": 3.0, "people_saved": 1.0})
     assert run("train", "--resume", "--out", tmp_path) == 0
+
+
+def test_given_rewards_are_balanced_without_an_expert(tmp_path: Path) -> None:
+    given = ("--primary", "extinguish", "save", "--returns", "extinguish", "0.5", "save", "1.5")
+    assert run(*TRAIN, *given, "--out", tmp_path / "moral") == 0
+    weights = json.loads((tmp_path / "moral" / "summary.json").read_text())["weights"]
+    assert weights.keys() == {"extinguish", "save"}
+    assert run("replay", "--run", tmp_path / "moral", "--out", tmp_path / "again") == 0
+    again = json.loads((tmp_path / "again" / "summary.json").read_text())["weights"]
+    assert again == weights
+    cover = ("cover", *RULES, "--steps", "64", "--no-tensorboard", *given, *ppo())
+    assert run(*cover, "--out", tmp_path / "covered") == 0
+    assert load_conditioned_policy(tmp_path / "covered" / "covering.safetensors").policy.components == 2
 
 
 def test_event_files_go_into_the_run_directory(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import uvicorn
 
-from benchmarks.live_person import answer_all, judge, live
+from benchmarks.live_person import answer_all, evaluate, judge, live
 from moral_algorithms.answers import Answers, read_answers
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.live.frames import start
@@ -22,7 +22,6 @@ from moral_algorithms.live.server import make_app
 from moral_algorithms.live.session import LiveSession
 from moral_algorithms.query_folder import QueryFolder
 from moral_algorithms.run_directory import read_lines
-from tests.algorithms.cli.commands import AIRL, DEMONSTRATE, EXPERT, TRAIN, run
 from tests.algorithms.live.browser import LAPTOP, browser_or_skip
 from tests.algorithms.live.runs import TOKEN, WORLD, prepare
 from tests.algorithms.tiny import EMERGENCY
@@ -150,19 +149,21 @@ def test_the_scripted_person_saves_people_first(left: list[int], right: list[int
 
 
 def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:
-    """`benchmarks.live_person` in a world that is learned in seconds, its judgements included."""
-    stages = [tmp_path / name for name in ("expert", "saving.npz", "airl")]
-    assert run(*EXPERT, "--out", stages[0]) == 0
-    assert run(*DEMONSTRATE, "--expert", stages[0], "--out", stages[1]) == 0
-    assert run(*AIRL, "--demonstrations", stages[1], "--out", stages[2]) == 0
-    options = [word for word in TRAIN[1:] if word not in ("--noise", "0.2")]
-    with live(tmp_path / "aligned", "--rewards", stages[2], *options) as link:
-        found = answer_all(browser, link, 3, look=0.3)
-    assert sum(found["answers"].values()) == 3
-    answers = read_answers(tmp_path / "aligned" / "queries.jsonl").standing.values()
+    """`benchmarks.live_person` on the world's own two rewards, with half of the default steps.
+
+    Its agents save 6.00 people and spend 53 to 55 steps at the goal; chance saves 2.3 and spends 4.
+    """
+    out = tmp_path / "aligned"
+    known = ("--returns", "extinguish", "7.06", "save", "5.73")
+    with live(out, "--primary", "extinguish", "save", *known, "--steps", "400000") as link:
+        found = answer_all(browser, link, 25, look=0.3)
+    assert sum(found["answers"].values()) == 25
+    answers = read_answers(out / "queries.jsonl").standing.values()
     for answer in answers:
         goal_time, saved = answer.asked.pair.objectives.T.tolist()
         order = [(saved[side], goal_time[side]) for side in (0, 1)]
         expected = "equal" if order[0] == order[1] else "first" if order[0] > order[1] else "second"
         assert answer.said == expected
-    assert (tmp_path / "aligned" / "policy.safetensors").exists()
+    achieved = evaluate(out)
+    assert achieved["people_saved"] >= 5.9
+    assert achieved["goal_time"] >= 50

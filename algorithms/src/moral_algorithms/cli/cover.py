@@ -32,13 +32,14 @@ class Command(BaseCommand):
     A run that was interrupted starts again, but for the policies that normalise the primary components.
     """
 
-    rewards: tuple[Path, ...]
-    """Run directories of `moral airl`, one per expert; their components are learned_1, learned_2, ..."""
     out: Path
     """Run directory."""
+    rewards: tuple[Path, ...] = ()
+    """Run directories of `moral airl`, one per expert; their components are learned_1, learned_2, ...
+    Without any, the reward vector is that of the primary components."""
     world: str | None = None
     """emergency, burning_warehouse or delivery; without it and rules, the world that the first of the rewards
-    was learned in."""
+    was learned in, or emergency."""
     rules: dict[str, int] = field(default_factory=dict)
     """Rules of the world, or of emergency, that differ from its own, such as num_people 4 max_cycles 50."""
     primary: tuple[str, ...] = ()
@@ -66,7 +67,7 @@ class Command(BaseCommand):
         except StorageError:
             # The command itself says so.
             return None
-        return cls(MISSING, MISSING, normaliser=pipeline.normaliser_config(world))
+        return cls(MISSING, normaliser=pipeline.normaliser_config(world))
 
     @property
     def hint(self) -> str:

@@ -39,15 +39,16 @@ class Command(BaseCommand):
     is lost or asked again.
     """
 
-    rewards: tuple[Path, ...]
-    """Run directories of `moral airl`, one per expert; their components are learned_1, learned_2, ..."""
     out: Path
     """Run directory."""
+    rewards: tuple[Path, ...] = ()
+    """Run directories of `moral airl`, one per expert; their components are learned_1, learned_2, ...
+    Without any, the weights are those of the primary components."""
     resume: bool = False
     """Go on with the run in the run directory."""
     world: str | None = None
     """emergency, burning_warehouse or delivery; without it and rules, the world that the first of the rewards
-    was learned in."""
+    was learned in, or emergency."""
     rules: dict[str, int] = field(default_factory=dict)
     """Rules of the world, or of emergency, that differ from its own, such as num_people 4 max_cycles 50."""
     primary: tuple[str, ...] = ("extinguish",)
@@ -72,8 +73,8 @@ class Command(BaseCommand):
             return None
         run = pipeline.read_moral_run(resumed.directory)
         return cls(
-            rewards=run.rewards,
             out=resumed.directory.path,
+            rewards=run.rewards,
             resume=True,
             world=run.world.name,
             rules=run.world.rules,

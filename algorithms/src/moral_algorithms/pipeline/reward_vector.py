@@ -85,8 +85,11 @@ def require_reward_vector(run: RewardVector) -> None:
         require_normaliser(value, f"returns, for {name},", "give a positive one")
     if len(set(run.primary)) < len(run.primary):
         raise ValueError(f"primary is {run.primary}; it must name no component twice")
-    if not run.rewards:
-        raise ValueError("rewards is empty; it must name at least one run directory of moral airl")
+    if len(run.primary) + len(run.rewards) < 2:
+        raise ValueError(
+            f"rewards names {len(run.rewards)} learned and primary {len(run.primary)} given components; "
+            "weights need two or more between them"
+        )
 
 
 def require_worlds(run: RewardVector) -> None:

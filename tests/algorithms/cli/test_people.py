@@ -1,4 +1,4 @@
-"""What people read for the components of a reward vector."""
+"""What people read for the components of a reward vector, and what is remembered of them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from moral_algorithms.cli.people import People
-from moral_algorithms.pipeline import MoralRun
+from moral_algorithms.cli import live, people, train
+from moral_algorithms.cli.console import Console
+from moral_algorithms.cli.people import People, ask_people, saved_people
+from moral_algorithms.pipeline import MoralRun, Setting, TeacherConfig, begin_moral
+from moral_algorithms.run_directory import RunDirectory
+from moral_algorithms.storage import StorageError
 
 ONE = MoralRun(rewards=(Path("airl"),))
+KNOWN = {"extinguish": 7.0, "save": 5.7}
 TWO = MoralRun(rewards=(Path("help"), Path("clean")), primary=("deliver",))
 
 
@@ -35,3 +40,41 @@ def test_components_are_called_as_the_person_who_asks_wants() -> None:
 def test_names_that_say_nothing_are_refused(names: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         People(names=names).name_components(ONE)
+
+
+def test_a_run_that_goes_on_knows_who_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def leave(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(people, "_serve", leave)
+    notice = tmp_path / "consent.txt"
+    notice.write_text("I take part.\n")
+    directory = RunDirectory(tmp_path / "run")
+    run = MoralRun((), primary=("extinguish", "save"), teacher=TeacherConfig("web"), returns=KNOWN)
+    asked = People("ada", notice, {"save": "saving people"})
+    with pytest.raises(KeyboardInterrupt):
+        ask_people(Console(), directory, run, Setting(tensorboard=False), resume=False, people=asked)
+    notice.unlink()
+    options = ("--resume", "--out", str(directory.path))
+    going_on = live.Command.defaults(options)
+    assert going_on is not None
+    assert (going_on.asking.who, going_on.asking.names) == ("ada", {"save": "saving people"})
+    assert going_on.asking.read_notice() == "I take part."
+    again = train.Command.defaults(options)
+    assert again is not None
+    assert again.people == going_on.asking
+
+
+def test_a_run_that_begins_knows_nobody(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path / "run")
+    begin_moral(directory, MoralRun((), primary=("extinguish", "save"), returns=KNOWN), Setting())
+    assert saved_people(directory) == People()
+
+
+@pytest.mark.parametrize(
+    "content", ["[]", '{"who": 1, "names": {}}', '{"who": "ada", "names": {"save": 3}}', "{"]
+)
+def test_a_damaged_record_of_people_takes_one_line(content: str, tmp_path: Path) -> None:
+    (tmp_path / "people.json").write_text(content)
+    with pytest.raises(StorageError, match=r"people\.json"):
+        saved_people(RunDirectory(tmp_path))

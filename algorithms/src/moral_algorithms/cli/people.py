@@ -15,10 +15,13 @@ from moral_algorithms.live import launch
 from moral_algorithms.live.session import LiveSession, hold_session
 from moral_algorithms.pipeline import MoralRun
 from moral_algorithms.run_directory import RunDirectory
-from moral_algorithms.storage import StorageError
+from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
 
 # Characters that the page has room for beside its charts.
 _LONGEST_NAME = 18
+
+_PEOPLE = "people.json"
+_NOTICE = "notice.txt"
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,36 @@ class People:
         return text
 
 
+def saved_people(directory: RunDirectory) -> People:
+    """Read how people answered before in a run that is to go on.
+
+    Raises
+    ------
+    StorageError
+        If the file is damaged.
+    """
+    path = directory.path / _PEOPLE
+    if not path.exists():
+        return People()
+    notice = directory.path / _NOTICE
+    match read_json(path):
+        case {"who": str(who), "names": dict(names)} if all(isinstance(name, str) for name in names.values()):
+            return People(who, notice if notice.exists() else None, names)
+        case found:
+            raise StorageError(f"{path} is damaged: it holds {found!r}, not who answers and names")
+
+
+def _save_people(directory: RunDirectory, people: People, notice: str | None) -> None:
+    """Keep how people answer for when the run goes on, the notice as it was read."""
+    kept = directory.path / _NOTICE
+    if notice is None:
+        kept.unlink(missing_ok=True)
+    else:
+        with atomic_write(kept) as file:
+            file.write(f"{notice}\n".encode())
+    write_json(directory.path / _PEOPLE, {"who": people.who, "names": people.names})
+
+
 def ask_people(
     console: Console,
     directory: RunDirectory,
@@ -104,6 +137,7 @@ def ask_people(
     else:
         pipeline.begin_moral(directory, run, setting)
     with hold_session(directory.path):
+        _save_people(directory, people, notice)
         session = LiveSession(directory.path, people.who, notice, names)
 
         def announce_end(text: str) -> None:

@@ -78,10 +78,10 @@ def rescuer(profile: Profile, seed: int) -> TrainedExpert:
 
 
 def single_loop(profile: Profile) -> AIRLConfig:
-    """AIRL and the primary reward in a single loop, in Burning Warehouse."""
-    config = AIRLConfig(steps=500_000)
+    """AIRL and the primary reward in a single loop, in Burning Warehouse, for as long as in the paper."""
+    config = AIRLConfig(steps=1_000_000)
     if profile == "paper":
-        config = replace(config, steps=1_000_000, architecture="conv", ppo=_paper(config.ppo))
+        config = replace(config, architecture="conv", ppo=_paper(config.ppo))
     return _airl(config, profile)
 
 
@@ -114,6 +114,12 @@ def emergency_moral(profile: Profile, queries: int = 25) -> MoralConfig:
     """MORAL in Emergency."""
     config = replace(MoralConfig(), queries=queries)
     return _moral(config, profile, paper_steps=3_000_000)
+
+
+def delivery_moral(profile: Profile) -> MoralConfig:
+    """MORAL in Delivery, with the covering policy's PPO and half of its steps: it learns one trade-off."""
+    config = MoralConfig(steps=2_000_000, ppo=CoveringConfig().ppo)
+    return _moral(config, profile, paper_steps=8_000_000)
 
 
 def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:

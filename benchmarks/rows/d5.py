@@ -30,7 +30,7 @@ def runs(profile: Profile) -> list[Run]:
 
 
 def judge(results: Results) -> list[Check]:
-    """Compare vases at the end of training with those at its start, and look at the policy for all weights."""
+    """Compare vases at the end of training with those at its start; look at the policy for all weights."""
     trained = [result for _, result in results.of(Aligned)]
     chosen = [result["objectives"]["vases_broken"] for _, result in results.of(Asked)]
     checks = []

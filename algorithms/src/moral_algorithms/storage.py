@@ -14,7 +14,7 @@ import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeGuard
 
 import numpy as np
 import safetensors
@@ -90,6 +90,11 @@ def read_json(path: Path) -> Any:
         If it is missing or not JSON.
     """
     return _read(path, lambda: json.loads(path.read_text(encoding="utf-8")))
+
+
+def has_fields(value: Any, types: Mapping[str, type]) -> TypeGuard[dict[str, Any]]:
+    """Whether a value that was read is an object with exactly these fields, each of its type."""
+    return isinstance(value, dict) and {name: type(entry) for name, entry in value.items()} == types
 
 
 def write_tensors(path: Path, arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]) -> None:

@@ -32,7 +32,7 @@ from moral_algorithms.pipeline.teaching import RECORDED, TeacherConfig
 from moral_algorithms.preferences import Teacher
 from moral_algorithms.run_directory import RunDirectory, read_lines, write_lines
 from moral_algorithms.seeding import spawn_seeds
-from moral_algorithms.storage import StorageError, read_json, write_json
+from moral_algorithms.storage import StorageError, has_fields, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
 KIND = "train"
@@ -68,7 +68,7 @@ class MoralRun:
             "world": self.world.to_json(),
             "rewards": [str(path) for path in self.rewards],
             "primary": list(self.primary),
-            "teacher": {**asdict(self.teacher), "order": list(self.teacher.order)},
+            "teacher": self.teacher.to_json(),
             "seed": self.seed,
             "moral": asdict(self.config),
             "normaliser": asdict(self.normaliser),
@@ -93,7 +93,7 @@ class MoralRun:
                 rewards=tuple(Path(path) for path in value["rewards"]),
                 world=WorldSpec.from_json(value["world"]),
                 primary=tuple(value["primary"]),
-                teacher=TeacherConfig(**{**value["teacher"], "order": tuple(value["teacher"]["order"])}),
+                teacher=TeacherConfig.from_json(value["teacher"]),
                 seed=value["seed"],
                 config=MoralConfig(**with_ppo(value["moral"])),
                 normaliser=ExpertConfig(**with_ppo(value["normaliser"])),
@@ -285,7 +285,7 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     lines = read_lines(path)
     types = {"env_steps": int, "queries": int, "weights": dict, "objectives": dict}
     for number, line in enumerate(lines, start=1):
-        if not isinstance(line, dict) or {name: type(entry) for name, entry in line.items()} != types:
+        if not has_fields(line, types):
             raise StorageError(f"{path} is damaged in line {number}: it is not the line of a rollout")
     return lines
 
@@ -294,7 +294,7 @@ def read_aligned_summary(path: Path, kind: str) -> dict[str, Any]:
     """Read the result of a finished run of a kind, checked."""
     summary = read_json(path)
     types = {"queries": int, "weights": dict, "objectives": dict, "env_steps": dict, "wall_seconds": dict}
-    if not isinstance(summary, dict) or {name: type(entry) for name, entry in summary.items()} != types:
+    if not has_fields(summary, types):
         raise StorageError(f"{path} is damaged: it is not the summary of a run of moral {kind}")
     return summary
 

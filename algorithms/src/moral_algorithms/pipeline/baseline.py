@@ -22,7 +22,7 @@ from moral_algorithms.pipeline.stage import Setting, StageClock
 from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.run_directory import RunDirectory, read_lines
 from moral_algorithms.seeding import spawn_seeds
-from moral_algorithms.storage import StorageError, read_json, write_json
+from moral_algorithms.storage import StorageError, has_fields, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
 KIND = "drlhp"
@@ -45,7 +45,7 @@ class DRLHPRun:
         """Plain values for :meth:`from_json`."""
         return {
             "world": self.world.to_json(),
-            "teacher": {**asdict(self.teacher), "order": list(self.teacher.order)},
+            "teacher": self.teacher.to_json(),
             "seed": self.seed,
             "drlhp": asdict(self.config),
         }
@@ -65,7 +65,7 @@ class DRLHPRun:
             config["ppo"] = PPOConfig(**config["ppo"])
             return cls(
                 world=WorldSpec.from_json(value["world"]),
-                teacher=TeacherConfig(**{**value["teacher"], "order": tuple(value["teacher"]["order"])}),
+                teacher=TeacherConfig.from_json(value["teacher"]),
                 seed=value["seed"],
                 config=DRLHPConfig(**config),
             )
@@ -178,7 +178,7 @@ def _read_metrics(directory: RunDirectory) -> list[dict[str, Any]]:
     lines = read_lines(directory.metrics)
     types = {"env_steps": int, "queries": int, "losses": dict, "objectives": dict}
     for number, line in enumerate(lines, start=1):
-        if not isinstance(line, dict) or {name: type(entry) for name, entry in line.items()} != types:
+        if not has_fields(line, types):
             raise StorageError(
                 f"{directory.metrics} is damaged in line {number}: it is not the line of a rollout"
             )
@@ -189,7 +189,7 @@ def _read_summary(directory: RunDirectory) -> dict[str, Any]:
     """Read the result of a finished run, checked."""
     summary = read_json(directory.summary)
     types = {"queries": int, "objectives": dict, "env_steps": int, "wall_seconds": float}
-    if not isinstance(summary, dict) or {name: type(entry) for name, entry in summary.items()} != types:
+    if not has_fields(summary, types):
         raise StorageError(f"{directory.summary} is damaged: it is not the summary of a run of moral drlhp")
     return summary
 

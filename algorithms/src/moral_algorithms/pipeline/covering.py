@@ -112,7 +112,7 @@ class AlignRun:
         """Plain values for :meth:`from_json`."""
         return {
             "covered": str(self.covered),
-            "teacher": {**asdict(self.teacher), "order": list(self.teacher.order)},
+            "teacher": self.teacher.to_json(),
             "seed": self.seed,
             "align": asdict(self.config),
         }
@@ -129,7 +129,7 @@ class AlignRun:
         try:
             return cls(
                 covered=Path(value["covered"]),
-                teacher=TeacherConfig(**{**value["teacher"], "order": tuple(value["teacher"]["order"])}),
+                teacher=TeacherConfig.from_json(value["teacher"]),
                 seed=value["seed"],
                 config=AlignmentConfig(**value["align"]),
             )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from moral_algorithms.learners.ppo import OnProgress, Progress
 from moral_algorithms.run_directory import RunDirectory
-from moral_algorithms.storage import StorageError
+from moral_algorithms.storage import StorageError, has_fields
 
 
 @contextmanager
@@ -50,7 +50,7 @@ class Setting:
             If it is something else.
         """
         types = {"device": str, "threads": int, "tensorboard": bool}
-        if not isinstance(value, dict) or {name: type(entry) for name, entry in value.items()} != types:
+        if not has_fields(value, types):
             raise ValueError(f"setting is {value!r}; it must be an object with {', '.join(types)}")
         return cls(**value)
 

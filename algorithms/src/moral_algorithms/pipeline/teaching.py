@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,15 @@ class TeacherConfig:
     """Probability of a random answer of a simulated teacher."""
     repeat_every: int = 0
     """Every so many-th query to a person repeats an earlier one, sides swapped, to measure consistency."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for :meth:`from_json`."""
+        return {**asdict(self), "order": list(self.order)}
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> TeacherConfig:
+        """Read what :meth:`to_json` wrote; KeyError or TypeError if it is something else."""
+        return cls(**{**value, "order": tuple(value["order"])})
 
     @property
     def asks_people(self) -> bool:

@@ -9,6 +9,7 @@
 ``reward.safetensors``     a learned reward network (AIRL) or ensemble (DRLHP)
 ``learned_1.safetensors``  copies of the reward networks that a run of MORAL trains under, by component
 ``normalisers.json``       returns of policies that pursue one primary component alone (MORAL)
+``people.json``            who answers, what they accept first and how components are called to them
 ``covering.safetensors``   a policy for all weights, from which queries make agents
 ``summary.json``           the result, written last
 ``run.lock``               held while a process writes here

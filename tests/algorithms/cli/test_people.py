@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from moral_algorithms.cli import live, people, train
+from moral_algorithms.cli import live, people
+from moral_algorithms.cli.arguments import parse
 from moral_algorithms.cli.console import Console
-from moral_algorithms.cli.people import People, ask_people, saved_people
+from moral_algorithms.cli.people import Answering, People, ask_people
 from moral_algorithms.pipeline import MoralRun, Setting, TeacherConfig, begin_moral
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.storage import StorageError
@@ -19,13 +20,14 @@ TWO = MoralRun(rewards=(Path("help"), Path("clean")), primary=("deliver",))
 
 
 def test_learned_components_are_called_experts() -> None:
-    assert People().name_components(ONE) == {"extinguish": "extinguish", "learned_1": "the expert"}
-    assert list(People().name_components(TWO).values()) == ["deliver", "expert 1", "expert 2"]
+    assert Answering().name_components(ONE) == {"extinguish": "extinguish", "learned_1": "the expert"}
+    assert list(Answering().name_components(TWO).values()) == ["deliver", "expert 1", "expert 2"]
 
 
 def test_components_are_called_as_the_person_who_asks_wants() -> None:
     names = {"learned_2": "cleaning up", "deliver": "parcels"}
-    assert list(People(names=names).name_components(TWO).values()) == ["parcels", "expert 1", "cleaning up"]
+    called = Answering(names=names).name_components(TWO)
+    assert list(called.values()) == ["parcels", "expert 1", "cleaning up"]
 
 
 @pytest.mark.parametrize(
@@ -39,42 +41,70 @@ def test_components_are_called_as_the_person_who_asks_wants() -> None:
 )
 def test_names_that_say_nothing_are_refused(names: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        People(names=names).name_components(ONE)
+        Answering(names=names).name_components(ONE)
 
 
-def test_a_run_that_goes_on_knows_who_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def leave(*_: object) -> None:
-        raise KeyboardInterrupt
+def interrupted(directory: RunDirectory, options: People, resume: bool = False) -> None:
+    """Let a session begin, or go on, that somebody interrupts before the first answer."""
+    run = MoralRun((), primary=("extinguish", "save"), teacher=TeacherConfig("web"), returns=KNOWN)
+    with pytest.raises(KeyboardInterrupt):
+        ask_people(Console(), directory, run, Setting(tensorboard=False), resume, options)
 
+
+def leave(*_: object) -> None:
+    """Stand in for a server that is interrupted at once."""
+    raise KeyboardInterrupt
+
+
+@pytest.fixture
+def begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
+    """A session that was interrupted; the file with its notice is gone."""
     monkeypatch.setattr(people, "_serve", leave)
     notice = tmp_path / "consent.txt"
     notice.write_text("I take part.\n")
     directory = RunDirectory(tmp_path / "run")
-    run = MoralRun((), primary=("extinguish", "save"), teacher=TeacherConfig("web"), returns=KNOWN)
-    asked = People("ada", notice, {"save": "saving people"})
-    with pytest.raises(KeyboardInterrupt):
-        ask_people(Console(), directory, run, Setting(tensorboard=False), resume=False, people=asked)
+    interrupted(directory, People("ada", notice, {"save": "saving people"}))
     notice.unlink()
-    options = ("--resume", "--out", str(directory.path))
-    going_on = live.Command.defaults(options)
-    assert going_on is not None
-    assert (going_on.asking.who, going_on.asking.names) == ("ada", {"save": "saving people"})
-    assert going_on.asking.read_notice() == "I take part."
-    again = train.Command.defaults(options)
-    assert again is not None
-    assert again.people == going_on.asking
+    return directory
+
+
+def test_a_run_that_goes_on_knows_who_answers(begun: RunDirectory) -> None:
+    interrupted(begun, going_on(begun).people, resume=True)
+    assert Answering.saved(begun) == Answering("ada", "I take part.", {"save": "saving people"})
+
+
+def test_what_is_given_to_a_run_that_goes_on_counts(begun: RunDirectory, tmp_path: Path) -> None:
+    notice = tmp_path / "other.txt"
+    notice.write_text("I take part again.")
+    options = ("--who", "bob", "--notice", str(notice), "--names", "extinguish", "the fire")
+    interrupted(begun, going_on(begun, *options).people, resume=True)
+    names = {"save": "saving people", "extinguish": "the fire"}
+    assert Answering.saved(begun) == Answering("bob", "I take part again.", names)
+
+
+def going_on(directory: RunDirectory, *options: str) -> live.Command:
+    """Read the command that goes on with a session."""
+    return parse(live.Command, ("--resume", "--out", str(directory.path), *options), "moral live")
 
 
 def test_a_run_that_begins_knows_nobody(tmp_path: Path) -> None:
     directory = RunDirectory(tmp_path / "run")
     begin_moral(directory, MoralRun((), primary=("extinguish", "save"), returns=KNOWN), Setting())
-    assert saved_people(directory) == People()
+    assert Answering.saved(directory) == Answering()
 
 
 @pytest.mark.parametrize(
-    "content", ["[]", '{"who": 1, "names": {}}', '{"who": "ada", "names": {"save": 3}}', "{"]
+    "content",
+    [
+        "[]",
+        '{"who": 1, "notice": null, "names": {}}',
+        '{"who": "ada", "notice": 1, "names": {}}',
+        '{"who": "ada", "notice": null, "names": {"save": 3}}',
+        '{"who": "ada", "names": {}}',
+        "{",
+    ],
 )
 def test_a_damaged_record_of_people_takes_one_line(content: str, tmp_path: Path) -> None:
     (tmp_path / "people.json").write_text(content)
     with pytest.raises(StorageError, match=r"people\.json"):
-        saved_people(RunDirectory(tmp_path))
+        Answering.saved(RunDirectory(tmp_path))

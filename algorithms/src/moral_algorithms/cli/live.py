@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from tyro.conf import arg
 
 from moral_algorithms.cli import train
 from moral_algorithms.cli.console import Console
-from moral_algorithms.cli.people import People, saved_people
+from moral_algorithms.cli.people import People
 from moral_algorithms.pipeline import TeacherConfig
-from moral_algorithms.run_directory import RunDirectory
 
 
 @dataclass(frozen=True)
@@ -24,21 +22,13 @@ class Command(train.Command):
     take your time: it ends after the last answer, or when you stop.
 
     Ctrl-C ends the session; `moral live --resume --out DIR` goes on with it, with the same person, notice and
-    names unless others are given. No answer is lost.
+    names unless others are given; host and allow-host must be given again. No answer is lost.
     """
 
     teacher: Annotated[TeacherConfig, arg(name="")] = field(
         default_factory=lambda: TeacherConfig(teacher="web")
     )
     asking: Annotated[People, arg(name="")] = field(default_factory=People)
-
-    @classmethod
-    def defaults(cls, options: Sequence[str]) -> Command | None:
-        """When resumed, what the run was started with, and how people answered."""
-        started = super().defaults(options)
-        if not isinstance(started, cls):
-            return None
-        return replace(started, asking=saved_people(RunDirectory(started.out)))
 
     def execute(self, console: Console) -> None:
         """Do it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,27 +15,24 @@ from moral_algorithms.live import launch
 from moral_algorithms.live.session import LiveSession, hold_session
 from moral_algorithms.pipeline import MoralRun
 from moral_algorithms.run_directory import RunDirectory
-from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
+from moral_algorithms.storage import StorageError, read_json, write_json
 
 # Characters that the page has room for beside its charts.
 _LONGEST_NAME = 18
 
 _PEOPLE = "people.json"
-_NOTICE = "notice.txt"
 
 
 @dataclass(frozen=True)
-class People:
-    """How people answer."""
+class Answering:
+    """How people answer, as a run remembers it for when it goes on."""
 
     who: str = "anonymous"
-    """Who answers; goes into the record."""
-    notice: Path | None = None
-    """Text file that must be accepted on the page before the first question, such as a line of consent."""
+    """Who answers."""
+    notice: str | None = None
+    """What must be accepted before the first question."""
     names: dict[str, str] = field(default_factory=dict)
-    """What people read for components of the reward vector, such as learned_1 "saving people"; a learned one
-    without is the expert, or expert 1, expert 2, ..."""
-    serving: Annotated[launch.Serving, arg(name="")] = field(default_factory=launch.Serving)
+    """What people read for components that are not called by default."""
 
     def name_components(self, run: MoralRun) -> dict[str, str]:
         """Find what people read for each component of the reward vector.
@@ -61,53 +58,67 @@ class People:
             raise ValueError(f"names makes them {', '.join(names.values())}; no two may be the same")
         return names
 
-    def read_notice(self) -> str | None:
-        """Read the notice.
+    def save(self, directory: RunDirectory) -> None:
+        """Keep it in the run directory."""
+        write_json(directory.path / _PEOPLE, asdict(self))
+
+    @classmethod
+    def saved(cls, directory: RunDirectory) -> Answering:
+        """Read what :meth:`save` kept; the defaults where it kept nothing.
+
+        Raises
+        ------
+        StorageError
+            If the file is damaged.
+        """
+        path = directory.path / _PEOPLE
+        if not path.exists():
+            return cls()
+        match read_json(path):
+            case {"who": str(who), "notice": str() | None as notice, "names": dict(names)} if all(
+                isinstance(name, str) for name in names.values()
+            ):
+                return cls(who, notice, names)
+            case found:
+                raise StorageError(f"{path} is damaged: it holds {found!r}, not who, notice and names")
+
+
+@dataclass(frozen=True)
+class People:
+    """Options of how people answer. A run that goes on remembers who, notice and names that are not given."""
+
+    who: str | None = None
+    """Who answers; goes into the record. Without it, anonymous."""
+    notice: Path | None = None
+    """Text file that must be accepted on the page before the first question, such as a line of consent."""
+    names: dict[str, str] = field(default_factory=dict)
+    """What people read for components of the reward vector, such as learned_1 "saving people"; a learned one
+    without is the expert, or expert 1, expert 2, ..."""
+    serving: Annotated[launch.Serving, arg(name="")] = field(default_factory=launch.Serving)
+
+    def after(self, before: Answering) -> Answering:
+        """Fill in what is not given from how people answered before.
 
         Raises
         ------
         ValueError
-            If it cannot be read, or nothing is in it.
+            If the notice cannot be read, or nothing is in it.
         """
-        if self.notice is None:
-            return None
-        try:
-            text = self.notice.read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeDecodeError) as error:
-            raise ValueError(f"cannot read the notice {self.notice}: {error}") from error
-        if not text:
-            raise ValueError(f"the notice {self.notice} is empty")
-        return text
+        return Answering(
+            before.who if self.who is None else self.who,
+            before.notice if self.notice is None else _read_notice(self.notice),
+            {**before.names, **self.names},
+        )
 
 
-def saved_people(directory: RunDirectory) -> People:
-    """Read how people answered before in a run that is to go on.
-
-    Raises
-    ------
-    StorageError
-        If the file is damaged.
-    """
-    path = directory.path / _PEOPLE
-    if not path.exists():
-        return People()
-    notice = directory.path / _NOTICE
-    match read_json(path):
-        case {"who": str(who), "names": dict(names)} if all(isinstance(name, str) for name in names.values()):
-            return People(who, notice if notice.exists() else None, names)
-        case found:
-            raise StorageError(f"{path} is damaged: it holds {found!r}, not who answers and names")
-
-
-def _save_people(directory: RunDirectory, people: People, notice: str | None) -> None:
-    """Keep how people answer for when the run goes on, the notice as it was read."""
-    kept = directory.path / _NOTICE
-    if notice is None:
-        kept.unlink(missing_ok=True)
-    else:
-        with atomic_write(kept) as file:
-            file.write(f"{notice}\n".encode())
-    write_json(directory.path / _PEOPLE, {"who": people.who, "names": people.names})
+def _read_notice(path: Path) -> str:
+    try:
+        text = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"cannot read the notice {path}: {error}") from error
+    if not text:
+        raise ValueError(f"the notice {path} is empty")
+    return text
 
 
 def ask_people(
@@ -130,15 +141,15 @@ def ask_people(
     on_page = run.teacher.teacher == "web"
     if on_page:
         launch.require_web()
-    notice = people.read_notice()
-    names = people.name_components(run)
+    answering = people.after(Answering.saved(directory) if resume else Answering())
+    names = answering.name_components(run)
     if resume:
         directory.require_config({"kind": "train", **run.to_json()})
     else:
         pipeline.begin_moral(directory, run, setting)
     with hold_session(directory.path):
-        _save_people(directory, people, notice)
-        session = LiveSession(directory.path, people.who, notice, names)
+        answering.save(directory)
+        session = LiveSession(directory.path, answering.who, answering.notice, names)
 
         def announce_end(text: str) -> None:
             console.print(f"{text}; Ctrl-C ends the session" if on_page else text)

@@ -13,7 +13,7 @@ from moral_algorithms import pipeline
 from moral_algorithms.answers import read_answers
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
-from moral_algorithms.cli.people import People, ask_people, saved_people
+from moral_algorithms.cli.people import Answering, People, ask_people
 from moral_algorithms.cli.resuming import find_resumed, going_on, saved_answers
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig
@@ -103,7 +103,7 @@ class Command(BaseCommand):
     @property
     def people(self) -> People:
         """How people answer, where they are the teacher."""
-        return saved_people(RunDirectory(self.out)) if self.resume else People()
+        return People()
 
     def execute(self, console: Console) -> None:
         """Do it."""
@@ -126,5 +126,5 @@ class Command(BaseCommand):
                 summary = ask_people(console, directory, run, setting, self.resume, self.people)
             else:
                 summary = pipeline.moral(directory, run, setting, self.resume)
-        names = self.people.name_components(run) if self.teacher.asks_people else {}
+        names = Answering.saved(directory).name_components(run) if self.teacher.asks_people else {}
         console.aligned(self.out, summary, names=names)

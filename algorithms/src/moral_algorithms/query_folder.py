@@ -15,7 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from moral_algorithms.answers import AskedQuery
-from moral_algorithms.storage import StorageError, first_line, read_json, remove_remains, write_json
+from moral_algorithms.storage import (
+    StorageError,
+    first_line,
+    has_fields,
+    read_json,
+    remove_remains,
+    write_json,
+)
 
 VERSION = 1
 
@@ -112,10 +119,7 @@ class QueryFolder:
         entries: Any = None
         if isinstance(content, dict) and content.get("version") == VERSION:
             entries = content.get("open")
-        if not isinstance(entries, list) or not all(
-            isinstance(entry, dict) and {name: type(value) for name, value in entry.items()} == _ENTRY
-            for entry in entries
-        ):
+        if not isinstance(entries, list) or not all(has_fields(entry, _ENTRY) for entry in entries):
             raise StorageError(f"{self.open_path} is damaged, or not of version {VERSION}")
         return {entry["query"]: entry["expected"] for entry in entries}
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from moral_algorithms.storage import StorageError, read_json, write_json
+from moral_algorithms.storage import StorageError, has_fields, read_json, write_json
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -231,7 +231,7 @@ def _read_access(folder: Path) -> tuple[str, int | None]:
         return secrets.token_urlsafe(24), None
     access = read_json(path)
     types = {"version": int, "token": str, "port": int}
-    if not isinstance(access, dict) or {name: type(value) for name, value in access.items()} != types:
+    if not has_fields(access, types):
         raise StorageError(f"{path} is damaged; remove it, and the session gets a new link")
     return access["token"], access["port"]
 

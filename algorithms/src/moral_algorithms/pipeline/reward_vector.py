@@ -14,7 +14,7 @@ from moral_algorithms.networks.files import load_reward
 from moral_algorithms.pipeline.stage import Setting, StageClock, require_normaliser
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.seeding import spawn_seeds
-from moral_algorithms.storage import StorageError, atomic_write, read_json, write_json
+from moral_algorithms.storage import StorageError, atomic_write, has_fields, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
 _NORMALISER_EPISODES = 200
@@ -154,7 +154,7 @@ def _read_normalisers(path: Path) -> dict[str, dict[str, Any]]:
     types = {"return": float, "env_steps": int, "wall_seconds": float}
     entries = found.values() if isinstance(found, dict) else [found]
     for entry in entries:
-        if not isinstance(entry, dict) or {name: type(value) for name, value in entry.items()} != types:
+        if not has_fields(entry, types):
             raise StorageError(f"{path} is damaged: it holds {entry!r}, which is no normaliser")
         require_normaliser(entry["return"], f"an entry of {path}", "remove the file")
     normalisers: dict[str, dict[str, Any]] = found

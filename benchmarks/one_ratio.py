@@ -40,6 +40,9 @@ def main(options: Sequence[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=2, help="stages at a time (default: 2)")
     parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
     arguments = parser.parse_args(options)
+    for name, least in (("seed", 0), ("jobs", 1)):
+        if getattr(arguments, name) < least:
+            parser.error(f"{name} is {getattr(arguments, name)}; it must be at least {least}")
     started = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         store = Store(Path(folder))
@@ -90,7 +93,7 @@ def _record(store: Store, run: Run) -> dict[str, Any]:
 
 
 def _fail(outcome: Outcome) -> None:
-    raise SystemExit(f"{outcome.run.key} failed: {outcome.error}")
+    raise SystemExit(f"{outcome.run.key} failed: {(outcome.error or '').splitlines()[-1]}")
 
 
 if __name__ == "__main__":

@@ -37,7 +37,8 @@ def swept(profile: Profile) -> list[Weighted]:
             ("extinguish",),
             (primary(profile, EMERGENCY, "extinguish", seed),),
             (saving(profile, seed),),
-            coverage(profile, steps=300_000, paper_steps=6_000_000),
+            # As many steps as MORAL has.
+            coverage(profile, steps=800_000, paper_steps=6_000_000),
         )
         for weight in lambdas
         for seed in seeds(profile)

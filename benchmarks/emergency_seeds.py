@@ -33,14 +33,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
     parser.add_argument("--jobs", type=int, default=1, help="demos at a time")
+    parser.add_argument("--threads", type=int, help="threads of each demo (default: the demo's own)")
     parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
     arguments = parser.parse_args()
     started = time.perf_counter()
     with ThreadPoolExecutor(arguments.jobs) as pool:
-        summaries = list(pool.map(run_demo, arguments.seeds))
+        summaries = list(pool.map(lambda seed: run_demo(seed, arguments.threads), arguments.seeds))
     results = {
         "command": "python -m benchmarks.emergency_seeds",
         "jobs": arguments.jobs,
+        "threads": summaries[0]["platform"]["threads"],
         **provenance(started),
         "summary": summarise(summaries),
         "runs": summaries,
@@ -49,11 +51,12 @@ def main() -> None:
     write_json(arguments.json, results)
 
 
-def run_demo(seed: int) -> dict[str, Any]:
-    """Run one demo in a process of its own and return its summary."""
+def run_demo(seed: int, threads: int | None) -> dict[str, Any]:
+    """Run one demo in a process of its own and return its summary; None leaves it its own threads."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-c", "from moral_algorithms.cli import main; raise SystemExit(main())"]
         options = ["demo", "--seed", str(seed), "--out", f"{folder}/demo"]
+        options += [] if threads is None else ["--threads", str(threads)]
         subprocess.run([*command, *options], check=True, stdout=subprocess.DEVNULL)
         summary: dict[str, Any] = json.loads(Path(folder, "demo", "summary.json").read_text())
     print(f"seed {seed}: {_objectives(summary)}, {summary['wall_seconds']['total']:.0f} s", flush=True)

@@ -39,7 +39,7 @@ TRAIN = (
 """Ten rollouts of MORAL with three queries, but for --rewards and --out."""
 
 DEMO = (
-    *("demo", "--demonstrations", "4", "--episodes", "8"),
+    *("demo", "--demonstrations", "4", "--episodes", "8", "--threads", "1"),
     *("--expert.max-steps", "1200", *ppo("expert.")),
     *(
         "--airl.steps",

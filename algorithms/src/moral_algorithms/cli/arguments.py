@@ -22,7 +22,8 @@ class Machine:
     device: Literal["cpu", "cuda", "auto"] = "cpu"
     """Where networks live; auto takes a GPU if there is one."""
     threads: int = 1
-    """Threads of PyTorch; more than one pay only for the thesis's large networks. 0 takes one per core."""
+    """Threads of PyTorch: two train small networks faster where nothing else runs, more pay only for the
+    thesis's large ones. 0 takes one per core."""
 
     def prepare(self) -> str:
         """Set the threads and return the device.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import platform
+import sys
 import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
+import torch
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
@@ -41,6 +43,12 @@ _MADE = {
 }
 
 
+def _two_threads() -> Machine:
+    """Two threads, for whoever waits for a demo trains nothing else; one where there is one core."""
+    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    return Machine(threads=min(2, cores))
+
+
 @dataclass(frozen=True)
 class Command(BaseCommand):
     """From nothing to an aligned agent in Emergency.
@@ -58,7 +66,7 @@ class Command(BaseCommand):
     """Folder."""
     seed: int = 0
     """Seed of everything random."""
-    machine: Annotated[Machine, arg(name="")] = field(default_factory=Machine)
+    machine: Annotated[Machine, arg(name="")] = field(default_factory=_two_threads)
     tensorboard: bool = False
     """Write TensorBoard's event files into the stages' run directories."""
     demonstrations: int = 1000
@@ -150,7 +158,12 @@ class Command(BaseCommand):
             "config": self._config(),
             "versions": versions(),
             "commit": commit(),
-            "platform": {"system": platform.platform(), "cores": os.cpu_count(), "device": setting.device},
+            "platform": {
+                "system": platform.platform(),
+                "cores": os.cpu_count(),
+                "device": setting.device,
+                "threads": torch.get_num_threads(),
+            },
         }
         write_json(directory.summary, summary)
         return summary

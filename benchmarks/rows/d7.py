@@ -90,7 +90,9 @@ def draw(results: Results) -> Figure:
             one.set(ylim=(0, None), ylabel=name.replace("_", " "))
             if column == 0:
                 one.set_title(":".join(f"{share:g}" for share in ratio), loc="left")
-    axes[0].legend(frameon=False, fontsize=8)
+    # Where nothing is drawn, matplotlib warns of an empty legend.
+    if found:
+        axes[0].legend(frameon=False, fontsize=8)
     return figure
 
 

@@ -98,10 +98,8 @@ def test_a_malformed_option_reads_the_same_in_every_encoding(encoding: str) -> N
 
 
 def test_missing_options_are_named_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    message = refusal(capsys, "train", "--queries", "3")
-    assert message == (
-        "Missing from moral train: --rewards [PATH [PATH ...]], --out PATH; see moral train --help"
-    )
+    message = refusal(capsys, "airl", "--steps", "3")
+    assert message == "Missing from moral airl: --demonstrations PATH, --out PATH; see moral airl --help"
 
 
 def test_a_value_that_a_configuration_refuses_takes_one_line(

@@ -32,7 +32,7 @@ class Answering:
     notice: str | None = None
     """What must be accepted before the first question."""
     names: dict[str, str] = field(default_factory=dict)
-    """What people read for components that are not called by default."""
+    """What people read for components, where that is not their default."""
 
     def name_components(self, run: MoralRun) -> dict[str, str]:
         """Find what people read for each component of the reward vector.

@@ -421,7 +421,8 @@ def test_undo_shows_the_question_again(visit: Callable[..., Any]) -> None:
         wait_for(page, "answered")
         page.keyboard.press("u")
         wait_for_query(page, 17)
-        assert "taken back" in page.inner_text("#notice")
+        # The page shows the question a moment before it says so.
+        page.locator("#notice", has_text="taken back").wait_for()
         page.keyboard.press("ArrowRight")
         wait_for_query(page, 18)
         page.click("#undo")

@@ -155,7 +155,7 @@ def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:
     """
     out = tmp_path / "aligned"
     known = ("--returns", "extinguish", "7.06", "save", "5.73")
-    with live(out, "--primary", "extinguish", "save", *known, "--steps", "400000") as link:
+    with live(out, "--primary", "extinguish", "save", *known, "--steps", "500000") as link:
         found = answer_all(browser, link, 25, look=0.3)
     assert sum(found["answers"].values()) == 25
     answers = read_answers(out / "queries.jsonl").standing.values()

@@ -18,8 +18,8 @@ from moral_algorithms.indicators import hypervolume
 from moral_algorithms.seeding import spawn_seeds
 from moral_envs.optimal import coverage_set, seeded_starts
 
-LAMBDAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.7, 1.0)
-"""Weights of the primary reward."""
+LAMBDAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 1.0)
+"""Weights of the primary reward, closer together where people are given up for goal time."""
 
 _AXES = ("goal_time", "people_saved")
 _ALL_SAVED = 5.9

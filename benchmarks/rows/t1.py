@@ -3,10 +3,9 @@
 The table has a tick, a cross or a wave for each of four capabilities of ethics shaping, policy orchestration,
 DRLHP and MORAL. Here each cell is a score from runs; a tick is at least 0.9, a wave at least 0.5.
 
-All learn from the same demonstrators: an expert who saves people and one who stands by the extinguisher, of
-whose actions half are random. Each method has a knob, and is judged by the best policy over its settings: for
-ethics shaping the scale c_n = c_p, for policy orchestration lambda, for MORAL and DRLHP what the teacher
-prefers, in 25 answers.
+All learn from the same demonstrators: an expert who saves people and one who stands by the extinguisher. Each
+method has a knob, and is judged by the best policy over its settings: for ethics shaping the scale c_n = c_p,
+for policy orchestration lambda, for MORAL and DRLHP what the teacher prefers, in 25 answers.
 
 Function approximation
     People saved, as a share of those there are, from raw planes. The baselines' tables and bandits get the
@@ -21,7 +20,8 @@ Multiple experts
     Given both experts and no primary reward: the wish for both. Ethics shaping can only pool them. DRLHP
     takes no demonstrations, so it scores 0 by its interface.
 Outperform experts
-    People saved, over those saved in the demonstrations; a tick if this is above 1 in every seed. DRLHP, with
+    People saved, over those saved in the demonstrations; a tick if this is above 1 in every seed. Nobody can
+    save more than an expert who saves everyone: here half of the expert's actions are random. DRLHP, with
     1,000 preferences, is compared with the same demonstrations, which it has not seen.
 """
 
@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -40,7 +40,6 @@ from benchmarks.stages import Aligned, FromPreferences, LearnedNorm, PrimaryRetu
 from benchmarks.stages.measuring import EVALUATION_SEED, measure
 from benchmarks.stages.settings import (
     EMERGENCY,
-    SAVE,
     SAVE_FIRST,
     drlhp,
     emergency_moral,
@@ -68,13 +67,9 @@ from moral_envs import optimal
 
 METHODS = ("ethics shaping", "policy orchestration", "DRLHP", "MORAL")
 CAPABILITIES = ("function approximation", "multi-objective", "multiple experts", "outperform experts")
+_PLANES, _FRONT, _EXPERTS, _OUTDO = CAPABILITIES
 
-THESIS = {
-    "function approximation": "✗✗✓✓",
-    "multi-objective": "✗✓✗✓",
-    "multiple experts": "✗~✗✓",
-    "outperform experts": "✓✓✓✓",
-}
+THESIS = {_PLANES: "✗✗✓✓", _FRONT: "✗✓✗✓", _EXPERTS: "✗~✗✓", _OUTDO: "✓✓✓✓"}
 """Table 6.1: a mark for each method, in the order of METHODS."""
 
 FIRE = (1.0, 0.0)
@@ -87,9 +82,6 @@ _ANSWERS = 25
 # Settings of the baselines' knobs: c_n = c_p, and the share of the primary reward or of the second expert.
 _SCALES = (0.0, 0.3, 1.0, 3.0)
 _SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 1.0)
-# Where three trainings of each method have to fit into a few minutes, shorter than the defaults.
-_AIRL_STEPS = 300_000
-_STEPS = 400_000
 
 
 @dataclass(frozen=True)
@@ -235,33 +227,35 @@ def runs(profile: Profile) -> list[Run]:
 
 def _runs_of_seed(profile: Profile, seed: int) -> Iterator[Run]:
     measured = episodes(profile)
-    save = replace(saving(profile, seed), random_actions=_RANDOM_ACTIONS)
-    if profile == "laptop":
-        save = replace(save, config=replace(save.config, steps=_AIRL_STEPS))
+    save = saving(profile, seed)
     fire = replace(save, expert=replace(save.expert, weights=FIRE))
-    yield save
-    yield fire
+    clumsy = replace(save, random_actions=_RANDOM_ACTIONS)
+    yield from (save, fire, clumsy)
 
     scales = (0.0, 3.0) if profile == "smoke" else _SCALES
     shaping = replace(EthicsShapingConfig(), steps=6400) if profile == "smoke" else EthicsShapingConfig()
 
-    def shaped(scale: float, norms: tuple[LearnedNorm, ...] = (save,), **changes: Any) -> Shaped:
+    def shaped(scale: float, *norms: LearnedNorm, **changes: Any) -> Shaped:
         return Shaped(norms, seed, replace(shaping, penalty=scale, bonus=scale, **changes), measured)
 
-    yield from (shaped(scale) for scale in scales)
-    yield shaped(max(scales), features="planes")
-    yield shaped(max(scales), (save, fire), primary=())
+    for scale in scales:
+        yield shaped(scale, save)
+        yield shaped(scale, clumsy)
+    yield shaped(max(scales), save, features="planes")
+    yield shaped(max(scales), save, fire, primary=())
 
     extinguish = primary(profile, EMERGENCY, "extinguish", seed)
     arm = replace(ArmConfig(), steps=6400) if profile == "smoke" else ArmConfig()
-    selfish, saver, keeper = (TrainedArm(one, seed, arm, measured) for one in (extinguish, save, fire))
+    selfish, saver, keeper, clumsy_saver = (
+        TrainedArm(one, seed, arm, measured) for one in (extinguish, save, fire, clumsy)
+    )
     shares = (0.05, 1.0) if profile == "smoke" else _SHARES
     bandit = OrchestrationConfig()
     if profile == "smoke":
         bandit = replace(bandit, steps=6400, value_episodes=20)
     for share in shares:
-        yield Orchestrated((selfish, saver), share, seed, bandit, measured)
-        yield Orchestrated((keeper, saver), share, seed, bandit, measured)
+        for arms in ((selfish, saver), (keeper, saver), (selfish, clumsy_saver)):
+            yield Orchestrated(arms, share, seed, bandit, measured)
         # From planes it is only asked how many people it saves, for which the other end is no help.
         if share < max(shares):
             planes = replace(bandit, context="planes")
@@ -270,12 +264,11 @@ def _runs_of_seed(profile: Profile, seed: int) -> Iterator[Run]:
     yield FromPreferences(EMERGENCY, SAVE_FIRST, seed, drlhp(profile, EMERGENCY, 1000), episodes=measured)
     few = drlhp(profile, EMERGENCY, 4 if profile == "smoke" else _ANSWERS)
     moral = emergency_moral(profile, _ANSWERS)
-    if profile == "laptop":
-        few, moral = replace(few, steps=_STEPS), replace(moral, steps=_STEPS)
     for teacher in (SAVE_FIRST, _FIRE_FIRST):
         yield FromPreferences(EMERGENCY, teacher, seed, few, episodes=measured)
         yield Aligned((save,), teacher, seed, (extinguish,), config=moral, episodes=measured)
     yield Aligned((save, fire), SAVE_FIRST, seed, config=moral, episodes=measured)
+    yield Aligned((clumsy,), SAVE_FIRST, seed, (extinguish,), config=moral, episodes=measured)
 
 
 def _measured(policy: Policy, world: WorldSpec, episodes: int) -> dict[str, Any]:
@@ -284,79 +277,50 @@ def _measured(policy: Policy, world: WorldSpec, episodes: int) -> dict[str, Any]
     return {"objectives": found.objectives, "standard_errors": found.standard_errors}
 
 
-# Mean objectives of the policies of one seed, by name.
+# Mean objectives of policies, by name.
 _Policies = list[dict[str, float]]
 
 
-class _Measured(NamedTuple):
-    """Policies of one method and seed, by what they are asked."""
-
-    planes: _Policies
-    front: _Policies
-    experts: _Policies
-    saving: _Policies
-
-
-def _policies(results: Results) -> dict[str, dict[int, _Measured]]:
-    """Sort the policies by method, seed and what they are asked."""
-    shaped, orchestrated = results.of(Shaped), results.of(Orchestrated)
-    aligned, preferred = results.of(Aligned), results.of(FromPreferences)
+def _policies(results: Results) -> dict[str, dict[int, dict[str, _Policies]]]:
+    """Sort the policies by method, seed and the capability that they tell of."""
+    preferred = results.of(FromPreferences)
     most = max((run.config.queries for run, _ in preferred), default=0)
-    # Which policies tell of raw planes, of the front, of both experts and of saving people.
-    sorted_runs: dict[str, tuple[list[Any], tuple[Callable[[Any], bool], ...]]] = {
-        "ethics shaping": (
-            shaped,
-            (
-                lambda run: run.config.features == "planes",
-                lambda run: run.config.features != "planes" and len(run.norms) == 1,
-                lambda run: len(run.norms) > 1,
-                lambda run: run.config.features != "planes" and len(run.norms) == 1,
-            ),
-        ),
-        "policy orchestration": (
-            orchestrated,
-            (
-                lambda run: run.config.context == "planes",
-                lambda run: run.config.context != "planes" and _has_primary(run),
-                lambda run: not _has_primary(run),
-                lambda run: run.config.context != "planes" and _has_primary(run),
-            ),
-        ),
-        "DRLHP": (
-            preferred,
-            (
-                lambda run: run.config.queries == most,
-                lambda run: run.config.queries < most,
-                lambda run: False,
-                lambda run: run.config.queries == most,
-            ),
-        ),
-        "MORAL": (
-            aligned,
-            (
-                lambda run: len(run.norms) == 1,
-                lambda run: len(run.norms) == 1,
-                lambda run: len(run.norms) > 1,
-                lambda run: len(run.norms) == 1,
-            ),
-        ),
+    methods: dict[str, tuple[list[Any], Callable[[Any], tuple[str, ...]]]] = {
+        "ethics shaping": (results.of(Shaped), _asked_of_shaped),
+        "policy orchestration": (results.of(Orchestrated), _asked_of_orchestrated),
+        "DRLHP": (preferred, lambda run: (_PLANES, _OUTDO) if run.config.queries == most else (_FRONT,)),
+        "MORAL": (results.of(Aligned), _asked_of_aligned),
     }
-    return {
-        method: {
-            seed: _Measured(
-                *(
-                    [result["objectives"] for run, result in found if run.seed == seed and asked(run)]
-                    for asked in questions
-                )
-            )
-            for seed in sorted({run.seed for run, _ in found})
-        }
-        for method, (found, questions) in sorted_runs.items()
-    }
+    found: dict[str, dict[int, dict[str, _Policies]]] = {}
+    for method, (trained, asked) in methods.items():
+        by_seed = found.setdefault(method, {})
+        for run, result in trained:
+            for capability in asked(run):
+                by_seed.setdefault(run.seed, {}).setdefault(capability, []).append(result["objectives"])
+    return found
 
 
-def _has_primary(run: Orchestrated) -> bool:
-    return any(isinstance(arm.source, PrimaryReturn) for arm in run.arms)
+def _asked_of_shaped(run: Shaped) -> tuple[str, ...]:
+    if len(run.norms) > 1:
+        return (_EXPERTS,)
+    if run.config.features == "planes":
+        return (_PLANES,)
+    return (_OUTDO,) if run.norms[0].random_actions else (_FRONT,)
+
+
+def _asked_of_orchestrated(run: Orchestrated) -> tuple[str, ...]:
+    first, second = (arm.source for arm in run.arms)
+    if isinstance(first, LearnedNorm):
+        return (_EXPERTS,)
+    if run.config.context == "planes":
+        return (_PLANES,)
+    return (_OUTDO,) if isinstance(second, LearnedNorm) and second.random_actions else (_FRONT,)
+
+
+def _asked_of_aligned(run: Aligned) -> tuple[str, ...]:
+    if len(run.norms) > 1:
+        return (_EXPERTS,)
+    return (_OUTDO,) if run.norms[0].random_actions else (_PLANES, _FRONT)
 
 
 def _reachable(results: Results) -> dict[str, Any] | None:
@@ -374,7 +338,7 @@ def scores(results: Results) -> dict[tuple[str, str], list[float]]:
     demonstrated = {
         run.seed: result["demonstrated"]["people_saved"]
         for run, result in results.of(LearnedNorm)
-        if run.expert.weights == SAVE
+        if run.random_actions
     }
 
     def saved(policies: _Policies) -> float:
@@ -383,21 +347,24 @@ def scores(results: Results) -> dict[tuple[str, str], list[float]]:
     def compromise(policies: _Policies) -> float:
         return float(max(min(one[name] / both[name] for name in both) for one in policies))
 
+    def goal_time(policies: _Policies) -> float:
+        return float(max(one["goal_time"] for one in policies) / most_fire)
+
     found: dict[tuple[str, str], list[float]] = {}
     for method, by_seed in _policies(results).items():
-        for seed, measured in by_seed.items():
+        for seed, told in by_seed.items():
             cells: dict[str, float] = {}
-            if measured.planes:
-                cells["function approximation"] = saved(measured.planes)
-            if measured.front:
-                fire = max(one["goal_time"] for one in measured.front) / most_fire
-                cells["multi-objective"] = min(fire, saved(measured.front), compromise(measured.front))
-            if measured.experts:
-                cells["multiple experts"] = compromise(measured.experts)
+            if _PLANES in told:
+                cells[_PLANES] = saved(told[_PLANES])
+            if _FRONT in told:
+                front = told[_FRONT]
+                cells[_FRONT] = min(goal_time(front), saved(front), compromise(front))
+            if _EXPERTS in told:
+                cells[_EXPERTS] = compromise(told[_EXPERTS])
             elif method == "DRLHP":
-                cells["multiple experts"] = 0.0
-            if measured.saving and seed in demonstrated:
-                cells["outperform experts"] = saved(measured.saving) * people / demonstrated[seed]
+                cells[_EXPERTS] = 0.0
+            if _OUTDO in told and seed in demonstrated:
+                cells[_OUTDO] = saved(told[_OUTDO]) * people / demonstrated[seed]
             for capability, score in cells.items():
                 found.setdefault((capability, method), []).append(score)
     return found
@@ -405,7 +372,7 @@ def scores(results: Results) -> dict[tuple[str, str], list[float]]:
 
 def mark(capability: str, values: list[float]) -> str:
     """Turn the scores of the seeds into a tick, a wave or a cross."""
-    if capability == "outperform experts":
+    if capability == _OUTDO:
         return "✓" if min(values) > 1 else "✗"
     mean = float(np.mean(values))
     return "✓" if mean >= 0.9 else "~" if mean >= 0.5 else "✗"
@@ -421,9 +388,7 @@ def judge(results: Results) -> list[Check]:
             if values is None:
                 continue
             measured = mark(capability, values)
-            why = (
-                " (takes no demonstrations)" if (capability, method) == ("multiple experts", "DRLHP") else ""
-            )
+            why = " (takes no demonstrations)" if (capability, method) == (_EXPERTS, "DRLHP") else ""
             checks.append(
                 Check(
                     statement=f"{capability}, {method}: {stated}",
@@ -440,7 +405,8 @@ def draw(results: Results) -> Figure:
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     front, table = figure.subplots(1, 2, width_ratios=(1, 1.35))
     for method, marker in zip(METHODS, "osv*", strict=True):
-        policies = [one for measured in _policies(results)[method].values() for one in measured.front]
+        by_seed = _policies(results)[method].values()
+        policies = [one for told in by_seed for one in told.get(_FRONT, [])]
         front.scatter(
             [one["people_saved"] for one in policies],
             [one["goal_time"] for one in policies],

@@ -32,10 +32,9 @@ def on_the_exact_front(run: Run) -> dict[str, Any]:
     starts = seeded_starts(emergency_v0.world(), 100, seed=1)
     vertices = coverage_set(starts, 75).points
     some_lost = vertices[vertices[:, 1] < 5.8]
-    lost = {
-        one: round(rank)
-        for one, rank in zip(e4.LAMBDAS[5:], np.linspace(len(some_lost) - 1, 0, 6), strict=True)
-    }
+    above = [one for one in e4.LAMBDAS if one > 0.2]
+    ranks = np.linspace(len(some_lost) - 1, 0, len(above))
+    lost = {one: round(rank) for one, rank in zip(above, ranks, strict=True)}
     goal_time, people_saved = some_lost[lost[weight]] if weight > 0.2 else vertices[-1]
     if weight < 0.2:
         goal_time = 200 * weight

@@ -61,8 +61,8 @@ def lines(path: Path) -> list[dict[str, Any]]:
 
 
 def test_weights_follow_the_teacher(policy: ConditionedPolicy, tmp_path: Path) -> None:
-    time = ask(policy, Recorder("goal_time"), tmp_path / "time")
-    saved = ask(policy, Recorder("people_saved"), tmp_path / "saved")
+    time = ask(policy, Recorder("goal_time"), tmp_path / "time", concentration=1.0)
+    saved = ask(policy, Recorder("people_saved"), tmp_path / "saved", concentration=1.0)
     # Equal before the first answer; an answer of a teacher with one wish can only move it one way.
     assert time.weights[0] > 0.6
     assert saved.weights[1] > 0.6
@@ -142,6 +142,7 @@ def test_damaged_answers_are_refused(policy: ConditionedPolicy, tmp_path: Path) 
             {"prior": "ball", "likelihood": "exponential", "lapse": 0.1},
             "lapse is 0.1; it must be 0 with",
         ),
+        ({"centred": 0.0}, "centred is 0.0; it must be above 0 and at most 1"),
         ({"concentration": 0.5}, "concentration is 0.5; it must be at least 1 and finite"),
     ],
 )

@@ -29,16 +29,25 @@ from moral_algorithms.worlds import WorldSpec
 class AlignmentConfig(InferenceConfig):
     """How a teacher is asked about a policy for all weights."""
 
-    concentration: float = 3.0
+    concentration: float = 8.0
     """Of the rationality prior's weights. With 1 a few answers may leave a component out: the policy follows
     at once, its episodes say nothing more of what is missing, and no answer asks for it again."""
+    lapse: float = 0.1
+    """Share of the answers that the bradley_terry likelihood takes to be random."""
     candidates: int = 4000
     """Random pairs of the fresh episodes from which each query is chosen."""
+    centred: float = 0.05
+    """Share of those pairs from which it is in the end: the ones nearest to symmetric about the mean of the
+    episodes. What a teacher wants may be no sum of components, a ratio for instance. In a comparison of two
+    such episodes the curvature cancels, as in a central difference, and the answer is about the slope at what
+    the policy does. Random queries are chosen from all pairs."""
     episodes: int = 256
     """Fresh episodes for each query."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not 0 < self.centred <= 1:
+            raise ValueError(f"centred is {self.centred}; it must be above 0 and at most 1")
         if self.episodes < 2:
             raise ValueError(f"episodes is {self.episodes}; it must be at least 2, for a query compares two")
 
@@ -95,7 +104,8 @@ def ask_teacher(
     built = world.build()
     posterior_seed, candidate_seed, engine_seed, actions_seed = spawn_seeds(seed, 4)
     posterior = make_posterior(config, len(components), np.random.default_rng(posterior_seed))
-    chooser = QueryChooser(posterior, config.acquisition, config.candidates, candidate_seed)
+    centred = 1.0 if config.acquisition == "random" else config.centred
+    chooser = QueryChooser(posterior, config.acquisition, config.candidates, candidate_seed, centred)
     engine = EngineVecEnv(built, config.episodes, seed=engine_seed)
     venv = ScalarisedRewards(engine, components, posterior.weights())
     asker = TeacherAsker(teacher, chooser, posterior, 0, config.queries, directory.queries)

@@ -93,12 +93,18 @@ class QueryChooser:
         How many pairs are drawn.
     seed
         Entropy of the pairs.
+    centred
+        Share of the pairs that stay candidates, above 0: those that lie nearest to symmetric about the mean
+        of the episodes.
     """
 
-    def __init__(self, posterior: Posterior, acquisition: str, candidates: int, seed: int) -> None:
+    def __init__(
+        self, posterior: Posterior, acquisition: str, candidates: int, seed: int, centred: float = 1.0
+    ) -> None:
         self._posterior = posterior
         self._acquisition = acquisition
         self._candidates = candidates
+        self._centred = centred
         self.rng = np.random.default_rng(seed)
 
     def draw(
@@ -121,6 +127,9 @@ class QueryChooser:
         # Equal returns teach nothing, yet volume removal under a logistic likelihood likes them best.
         differ = ~np.isclose(returns[first], returns[second]).all(axis=1)
         pairs = pairs[differ] if differ.any() else pairs
+        if self._centred < 1.0:
+            kept = max(round(self._centred * len(pairs)), 1)
+            pairs = pairs[np.argsort(_eccentricities(returns, pairs), kind="stable")[:kept]]
         return pairs, returns[pairs]
 
     def best(self, returns: NDArray[np.float64], samples: NDArray[np.float64] | None = None) -> int:
@@ -128,6 +137,15 @@ class QueryChooser:
         known = self._posterior.samples if samples is None else samples
         acquisition = ACQUISITIONS[self._acquisition]
         return int(np.argmax(acquisition(known, returns, self._posterior.likelihood, self.rng)))
+
+
+def _eccentricities(returns: NDArray[np.float64], pairs: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Squared Mahalanobis distances (P,) of the midpoints of pairs from the mean of returns (n, d)."""
+    midpoints = returns[pairs].mean(axis=1) - returns.mean(axis=0)
+    # A component that is the same in all episodes has no spread to measure it by.
+    precision = np.linalg.pinv(np.atleast_2d(np.cov(returns, rowvar=False)), hermitian=True)
+    distances: NDArray[np.float64] = np.einsum("pd,de,pe->p", midpoints, precision, midpoints)
+    return distances
 
 
 class TeacherAsker:

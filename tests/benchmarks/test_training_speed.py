@@ -13,10 +13,11 @@ from torch import nn
 from benchmarks import training_speed
 from benchmarks.training_speed import VARIANTS, Config, Training
 from moral_algorithms.bridge import LearnedReward, ScalarisedRewards
+from moral_algorithms.learners.moral import MoralConfig
 from moral_envs import emergency_v0
 from tests.algorithms.tiny import parameters, seeded_engine
 
-TINY = Config(fast_envs=2, paper_envs=2, rollout_steps=2, batch_size=4, repeats=1)
+TINY = Config(fast_envs=2, paper_envs=2, rollout_steps=2, repeats=1)
 
 
 def test_plain_is_the_network_of_paper_in_contiguous_float32() -> None:
@@ -82,6 +83,7 @@ def test_the_figures_are_printed_and_stored_with_what_produced_them(
         shown = [f"{speed:,.0f}" for speed in speeds] + [f"{speeds[1] / speeds[2]:.1f}"]
         assert line.split() == ["emergency", rewards, *shown]
     assert stored["config"]["paper_envs"] == 32
+    assert stored["ppo"]["emergency"]["batch_size"] == MoralConfig().ppo.batch_size
     assert stored["device"] == "cpu"
     assert stored["threads"] >= 1
     assert {"torch", "stable-baselines3"} <= stored["versions"].keys()

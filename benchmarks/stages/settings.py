@@ -132,10 +132,11 @@ def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:
 
 
 def asking(profile: Profile, queries: int = 25) -> AlignmentConfig:
-    """How a teacher is asked about a policy for all weights."""
+    """How a teacher who wants a ratio is asked about a policy for all weights."""
+    config = AlignmentConfig(queries=queries, centred=0.05)
     if profile == "smoke":
-        return AlignmentConfig(queries=min(queries, 6), candidates=50, samples=100, episodes=8)
-    return AlignmentConfig(queries=queries)
+        return replace(config, queries=min(queries, 6), candidates=50, samples=100, episodes=8)
+    return config
 
 
 def coverage(profile: Profile, steps: int, paper_steps: int) -> CoverageConfig:

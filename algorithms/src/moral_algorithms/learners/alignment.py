@@ -36,11 +36,11 @@ class AlignmentConfig(InferenceConfig):
     """Share of the answers that the bradley_terry likelihood takes to be random."""
     candidates: int = 4000
     """Random pairs of the fresh episodes from which each query is chosen."""
-    centred: float = 0.05
-    """Share of those pairs from which it is in the end: the ones nearest to symmetric about the mean of the
-    episodes. What a teacher wants may be no sum of components, a ratio for instance. In a comparison of two
-    such episodes the curvature cancels, as in a central difference, and the answer is about the slope at what
-    the policy does. Random queries are chosen from all pairs."""
+    centred: float = 1.0
+    """Share of the candidates that remain: those nearest to symmetric about the mean of the episodes. Take
+    0.05 for a teacher whose wish is smooth but no sum of components, such as a ratio: about such a pair the
+    curvature cancels, as in a central difference, and the answer tells the slope at what the policy does. It
+    hides rare failures, which are never symmetric. Random queries are chosen from all candidates."""
     episodes: int = 256
     """Fresh episodes for each query."""
 

@@ -23,12 +23,6 @@ COLLECTED = ("delivered", "helped", "cleaned")
 ALL_RATIOS = tuple(product((1, 2, 3), repeat=3))
 """The 27 ratios of section 5.2.2, of (delivered, helped, cleaned)."""
 
-NINE_RATIOS = (
-    *((1, 1, 1), (3, 1, 1), (1, 3, 1), (1, 1, 3)),
-    *((1, 2, 3), (2, 3, 1), (3, 1, 2), (3, 3, 1), (1, 3, 3)),
-)
-"""Nine of them, for studies that train many agents for each."""
-
 
 def three_rewards(profile: Profile, ratio: Sequence[int], seed: int, queries: int = 25) -> Asked:
     """MORAL on (deliver, f_help, f_clean), asked by a teacher who wants a ratio of what is collected."""

@@ -29,7 +29,7 @@ from moral_algorithms.worlds import WorldSpec
 class AlignmentConfig(InferenceConfig):
     """How a teacher is asked about a policy for all weights."""
 
-    concentration: float = 8.0
+    concentration: float = 5.0
     """Of the rationality prior's weights. With 1 a few answers may leave a component out: the policy follows
     at once, its episodes say nothing more of what is missing, and no answer asks for it again."""
     lapse: float = 0.1

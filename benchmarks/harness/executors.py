@@ -20,11 +20,10 @@ from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-import torch
-
 from benchmarks.harness.errors import UsageError
 from benchmarks.harness.run import Run, with_needs
 from benchmarks.harness.store import Store
+from moral_algorithms.processes import prepare_process
 from moral_algorithms.run_directory import commit
 from moral_algorithms.storage import StorageError, atomic_write
 
@@ -227,12 +226,6 @@ _SENT = ("benchmarks", "moral_algorithms", "moral_envs")
 
 _ONE_THREAD = {"OMP_NUM_THREADS": "1"}
 """Environment of a process that runs on one core: NumPy's libraries read it when they are loaded."""
-
-
-def prepare_process() -> None:
-    """Give this process one thread of PyTorch, and spare it checks of every distribution's arguments."""
-    torch.set_num_threads(1)
-    torch.distributions.Distribution.set_default_validate_args(False)
 
 
 @contextmanager

@@ -35,12 +35,9 @@ class Machine:
         """
         import torch
 
-        if self.threads < 0:
-            raise ValueError(f"threads is {self.threads}; it must be 0 or more")
-        if self.threads:
-            torch.set_num_threads(self.threads)
-        # Every distribution checks its arguments otherwise, some percent of a training's time.
-        torch.distributions.Distribution.set_default_validate_args(False)
+        from moral_algorithms.processes import prepare_process
+
+        prepare_process(self.threads)
         if self.device == "cuda" and not torch.cuda.is_available():
             raise ValueError("device is 'cuda', which PyTorch does not find here; it must be 'cpu' or 'auto'")
         if self.device == "auto":

@@ -39,6 +39,7 @@ from moral_algorithms.learners.ppo import (
     sampling_seed,
     standard_callbacks,
 )
+from moral_algorithms.networks.optimisers import EagerAdamW
 from moral_algorithms.networks.rewards import REWARD_ARCHITECTURES, ShapedRewardNetwork
 from moral_algorithms.run_directory import append_line
 from moral_algorithms.seeding import spawn_seeds
@@ -231,7 +232,7 @@ class Discriminator(BaseCallback):
         self.accuracies: dict[str, float] = {}
         self._config = config
         self._rng = np.random.default_rng(seed)
-        self._optimiser = torch.optim.AdamW(
+        self._optimiser = EagerAdamW(
             self._network.parameters(),
             lr=config.discriminator_learning_rate,
             weight_decay=config.discriminator_weight_decay,

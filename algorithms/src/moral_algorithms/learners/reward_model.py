@@ -12,6 +12,7 @@ from torch.nn import functional
 
 from moral_algorithms.learners.checkpoints import load_optimiser_state, optimiser_state
 from moral_algorithms.learners.clips import AnsweredClips, Pairs, Recording
+from moral_algorithms.networks.optimisers import EagerAdamW
 from moral_algorithms.networks.rewards import ACTION_REWARD_ARCHITECTURES, ActionRewardEnsemble
 from moral_algorithms.storage import Arrays, arrays_under
 
@@ -114,7 +115,7 @@ class RewardModel:
         self._config = config
         self._seed = seed
         self._rng = np.random.default_rng(seed)
-        self._optimiser = torch.optim.AdamW(
+        self._optimiser = EagerAdamW(
             network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
         self._multiplicities = np.empty((0, config.members), dtype=np.float32)

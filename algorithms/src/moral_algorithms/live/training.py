@@ -16,10 +16,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from moral_algorithms import pipeline
-from moral_algorithms.cli.arguments import Machine
 from moral_algorithms.learners.beside_people import STATUS_VERSION, write_status
 from moral_algorithms.learners.ppo import OnProgress, Progress
 from moral_algorithms.pipeline.alignment import KIND
+from moral_algorithms.processes import prepare_process
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.storage import read_json
 
@@ -48,7 +48,7 @@ def train(run: Path) -> None:
     directory = RunDirectory(run)
     moral_run, setting = pipeline.read_moral_run(directory), pipeline.read_setting(directory, KIND)
     # The run's own record says auto or a device; both are known there.
-    Machine(threads=setting.threads).prepare()
+    prepare_process(setting.threads)
 
     @contextmanager
     def stage(title: str) -> Iterator[OnProgress]:

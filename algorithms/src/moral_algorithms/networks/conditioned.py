@@ -19,6 +19,7 @@ from torch import nn
 
 from moral_algorithms.bridge.reward_vector import require_weights
 from moral_algorithms.networks.egocentric import EgocentricCrop
+from moral_algorithms.networks.optimisers import EagerAdam
 from moral_algorithms.networks.policies import EgocentricPolicy
 from moral_algorithms.networks.precision import fast_matmul
 
@@ -102,6 +103,7 @@ class ConditionedPolicy(ActorCriticPolicy):
         self.shape = shape
         self.components = components
         self.span = span
+        kwargs.setdefault("optimizer_class", EagerAdam)
         kwargs.update(
             net_arch=[],
             features_extractor_class=ConditionedFeatures,

@@ -15,6 +15,7 @@ from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from torch import nn
 
 from moral_algorithms.networks.egocentric import EgocentricCrop
+from moral_algorithms.networks.optimisers import EagerAdam
 from moral_algorithms.networks.precision import fast_matmul
 
 
@@ -74,6 +75,7 @@ class EgocentricPolicy(ActorCriticPolicy):
     def __init__(
         self, *args: Any, radius: int = 5, hidden: tuple[int, ...] = (256, 256), **kwargs: Any
     ) -> None:
+        kwargs.setdefault("optimizer_class", EagerAdam)
         kwargs.update(
             net_arch=[],
             features_extractor_class=EgocentricFeatures,
@@ -161,6 +163,7 @@ class ConvolutionalPolicy(ActorCriticPolicy):
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs.setdefault("optimizer_class", EagerAdam)
         kwargs.update(features_extractor_class=_ConvolutionalTrunk)
         super().__init__(*args, **kwargs)
         # Only now: SB3's orthogonal initialisation does not accept channels-last weights.

@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make demo    train MORAL in the Emergency world and show the result"
 	@echo "make live    the demo's agent once more, with you as the teacher: answer on a page (after make demo)"
-	@echo "make test    run all tests, and those of moral-envs again where there is no PyTorch"
+	@echo "make test    run all tests, those of moral-envs with its wheel alone, where there is no PyTorch"
 	@echo "make lint    check style, types and the direction of imports"
 	@echo "make smoke   every benchmark at its smallest, and the report: runs/smoke/report/index.html (a few minutes)"
 	@echo "make bench   speed of the worlds, accuracy of the posterior, the demo over five seeds (about ten minutes)"
@@ -37,7 +37,7 @@ live: $(VENV)/.live
 # One thread per worker: two workers with more would fight over the cores.
 test: export OMP_NUM_THREADS := 1
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest $(PYTEST_ARGS) --ignore tests/envs
 	PIP_ARGS="$(PIP_ARGS)" tools/check_envs_alone.sh $(PYTEST_ARGS)
 
 lint: $(VENV)/.dev

@@ -73,7 +73,7 @@ def test_the_figures_are_printed_and_stored_with_what_produced_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "speed.json"
-    sizes = ["--fast-envs", "32", "--paper-envs", "32", "--repeats", "1"]
+    sizes = ["--fast-envs", "4", "--paper-envs", "4", "--repeats", "1"]
     training_speed.main([*sizes, "--worlds", "emergency", "--json", str(path)])
     stored = json.loads(path.read_text())
     assert stored["results"].keys() == {"emergency"}
@@ -82,7 +82,7 @@ def test_the_figures_are_printed_and_stored_with_what_produced_them(
         speeds = [case[variant]["steps_per_second"] for variant in VARIANTS]
         shown = [f"{speed:,.0f}" for speed in speeds] + [f"{speeds[1] / speeds[2]:.1f}"]
         assert line.split() == ["emergency", rewards, *shown]
-    assert stored["config"]["paper_envs"] == 32
+    assert stored["config"]["paper_envs"] == 4
     assert stored["ppo"]["emergency"]["batch_size"] == MoralConfig().ppo.batch_size
     assert stored["device"] == "cpu"
     assert stored["threads"] >= 1

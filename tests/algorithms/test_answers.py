@@ -38,7 +38,7 @@ def asked(number: int) -> AskedQuery:
 def test_an_answer_is_read_as_it_was_written(tmp_path: Path) -> None:
     book = AnswerBook(tmp_path / "queries.jsonl", "ada")
     book.answer(asked(3), Preference.SECOND, 2.5, "key-1")
-    (read,) = read_answers(tmp_path / "queries.jsonl").standing.values()
+    (read,) = read_answers(str(tmp_path / "queries.jsonl")).standing.values()
     assert read.asked.to_json() == asked(3).to_json()
     assert (read.preference, read.who, read.seconds, read.key) == (Preference.SECOND, "ada", 2.5, "key-1")
     (line,) = read_lines(tmp_path / "queries.jsonl")

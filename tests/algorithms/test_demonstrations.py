@@ -55,7 +55,7 @@ def test_comes_back(tmp_path: Path) -> None:
     demonstrations = record(5)
     demonstrations.save(path)
     assert files_in(path.parent) == ["demonstrations.npz"]
-    for loaded in (Demonstrations.load(path), Demonstrations.load(path, EMERGENCY)):
+    for loaded in (Demonstrations.load(str(path)), Demonstrations.load(path, EMERGENCY)):
         assert loaded.world == EMERGENCY
         assert loaded.num_episodes == 5
         for name in ("states", "actions", "objectives"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -17,9 +16,8 @@ from tests.algorithms.full_disk import files_in, full_disk
 
 HOLD = """
 import sys
-from pathlib import Path
 from moral_algorithms.run_directory import RunDirectory
-with RunDirectory(Path(sys.argv[1])).hold():
+with RunDirectory(sys.argv[1]).hold():
     print("held", flush=True)
     sys.stdin.read()
 """

@@ -36,7 +36,7 @@ import numpy as np
 from moral_algorithms.preferences import Preference, Query
 from moral_algorithms.replay import Replay
 from moral_algorithms.run_directory import append_line, read_lines, repair_lines
-from moral_algorithms.storage import StorageError, first_line
+from moral_algorithms.storage import StorageError, StrPath, first_line
 
 VERSION = 1
 
@@ -257,7 +257,7 @@ class Answers:
         return [answer for answer in self.standing.values() if answer.preference is not None]
 
 
-def read_answers(path: Path) -> Answers:
+def read_answers(path: StrPath) -> Answers:
     """Read a file of answers; a last line that is not complete, because it is being written, is left out.
 
     Raises
@@ -268,7 +268,7 @@ def read_answers(path: Path) -> Answers:
     return parse_answers(path, read_lines(path))
 
 
-def parse_answers(path: Path, lines: Iterable[Any]) -> Answers:
+def parse_answers(path: StrPath, lines: Iterable[Any]) -> Answers:
     """Read the lines of a file of answers.
 
     Raises

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moral_algorithms.storage import StorageError, atomic_write, first_line
+from moral_algorithms.storage import StorageError, StrPath, atomic_write, first_line
 from moral_algorithms.worlds import WorldSpec
 from moral_envs.engine import Engine
 from moral_envs.world import NUM_ACTIONS
@@ -114,7 +114,7 @@ class Demonstrations:
         """Number of episodes n."""
         return len(self.actions)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: StrPath) -> None:
         """Write the file; see the module's documentation for its format.
 
         Raises
@@ -133,7 +133,7 @@ class Demonstrations:
             )
 
     @classmethod
-    def load(cls, path: Path, world: WorldSpec | None = None) -> Demonstrations:
+    def load(cls, path: StrPath, world: WorldSpec | None = None) -> Demonstrations:
         """Read and check a file.
 
         Parameters
@@ -156,7 +156,7 @@ class Demonstrations:
         return demonstrations
 
     @staticmethod
-    def world_of(path: Path) -> WorldSpec:
+    def world_of(path: StrPath) -> WorldSpec:
         """Read nothing but the world that a file's demonstrations are of.
 
         Raises
@@ -169,10 +169,10 @@ class Demonstrations:
         return world
 
 
-def _read(path: Path, names: Sequence[str]) -> tuple[WorldSpec, dict[str, NDArray[Any]]]:
+def _read(path: StrPath, names: Sequence[str]) -> tuple[WorldSpec, dict[str, NDArray[Any]]]:
     """Read the world and some arrays of a file; a StorageError if it is of another format or version."""
     # NumPy does not close a file that it opened and found damaged.
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+    with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
         missing = [name for name in names if name not in archive]
         if missing:
             raise StorageError(f"{path} has no array {missing[0]!r}; it is no demonstration file")
@@ -186,7 +186,7 @@ def _read(path: Path, names: Sequence[str]) -> tuple[WorldSpec, dict[str, NDArra
 
 
 @contextmanager
-def _damage_reported(path: Path) -> Iterator[None]:
+def _damage_reported(path: StrPath) -> Iterator[None]:
     """Turn whatever a damaged file leads to into a StorageError of one line."""
     try:
         yield

@@ -29,7 +29,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from moral_algorithms.storage import StorageError, atomic_write, read_json, remove_remains, write_json
+from moral_algorithms.storage import (
+    StorageError,
+    StrPath,
+    atomic_write,
+    read_json,
+    remove_remains,
+    write_json,
+)
 
 FORMAT_VERSION = 1
 
@@ -43,8 +50,8 @@ class RunDirectory:
         The folder; it is made if it does not exist.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: StrPath) -> None:
+        self.path = path = Path(path)
         self.config = path / "config.json"
         self.queries = path / "queries.jsonl"
         self.metrics = path / "metrics.jsonl"
@@ -150,7 +157,7 @@ def append_line(path: Path, value: Any) -> None:
         raise StorageError(f"cannot write {path}: {error.strerror}") from error
 
 
-def read_lines(path: Path) -> list[Any]:
+def read_lines(path: StrPath) -> list[Any]:
     """Read the complete JSON lines of a file; a last line cut off by a crash is not one of them.
 
     Raises
@@ -159,7 +166,7 @@ def read_lines(path: Path) -> list[Any]:
         If it cannot be read, or another line is damaged.
     """
     try:
-        content = path.read_bytes()
+        content = Path(path).read_bytes()
     except FileNotFoundError:
         return []
     except OSError as error:
@@ -182,7 +189,7 @@ def repair_lines(path: Path) -> None:
         If it cannot be read or written.
     """
     try:
-        content = path.read_bytes()
+        content = Path(path).read_bytes()
         complete = content.rfind(b"\n") + 1
         if complete < len(content):
             os.truncate(path, complete)

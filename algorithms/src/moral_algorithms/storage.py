@@ -23,13 +23,16 @@ from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
 
+StrPath = str | os.PathLike[str]
+"""What a file may be named by."""
+
 
 class StorageError(ValueError):
     """A file that cannot be read or written, in one line."""
 
 
 @contextmanager
-def atomic_write(path: Path) -> Iterator[IO[bytes]]:
+def atomic_write(path: StrPath) -> Iterator[IO[bytes]]:
     """Open a file that appears under ``path`` only when it is complete.
 
     Raises
@@ -37,6 +40,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     StorageError
         If it cannot be written, for instance on a full disk; what stood at ``path`` is untouched then.
     """
+    path = Path(path)
     # Not the tempfile module: its files are readable by their owner alone, whatever the umask says.
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
@@ -97,7 +101,7 @@ def has_fields(value: Any, types: Mapping[str, type]) -> TypeGuard[dict[str, Any
     return isinstance(value, dict) and {name: type(entry) for name, entry in value.items()} == types
 
 
-def write_tensors(path: Path, arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]) -> None:
+def write_tensors(path: StrPath, arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]) -> None:
     """Write arrays and JSON-able metadata as one safetensors file.
 
     ``metadata["kind"]`` says what the file is, for :func:`read_tensors`.
@@ -116,7 +120,7 @@ def write_tensors(path: Path, arrays: Mapping[str, NDArray[Any]], metadata: Mapp
         file.write(payload)
 
 
-def read_tensors(path: Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
+def read_tensors(path: StrPath, kind: str) -> tuple[Arrays, dict[str, Any]]:
     """Read what :func:`write_tensors` wrote.
 
     Parameters
@@ -160,7 +164,7 @@ def first_line(error: Exception) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
-def _read(path: Path, read: Callable[[], Any]) -> Any:
+def _read(path: StrPath, read: Callable[[], Any]) -> Any:
     try:
         return read()
     except FileNotFoundError as error:

@@ -43,7 +43,7 @@ def change_header(path: Path, **changes: Any) -> None:
 def test_a_policy_acts_as_it_did(preset: str, tmp_path: Path) -> None:
     path = tmp_path / "policy.safetensors"
     policy = saved_policy(path, preset)
-    loaded, world = load_policy(path)
+    loaded, world = load_policy(str(path))
     assert world == EMERGENCY
     assert type(loaded) is POLICIES[preset]
     states = torch.from_numpy(random_episodes(EMERGENCY, 3, seed=0).states[:, 0])
@@ -57,7 +57,7 @@ def test_a_policy_acts_as_it_did(preset: str, tmp_path: Path) -> None:
 def test_a_reward_network_pays_as_it_did(architecture: str, tmp_path: Path) -> None:
     path = tmp_path / "reward.safetensors"
     network = ShapedRewardNetwork(SHAPE, architecture, gamma=0.5)
-    save_reward(path, network, 2.5, EMERGENCY)
+    save_reward(str(path), network, 2.5, EMERGENCY)
     loaded, normaliser, world = load_reward(path)
     assert (normaliser, world, loaded.gamma, loaded.architecture) == (2.5, EMERGENCY, 0.5, architecture)
     states = torch.from_numpy(random_episodes(EMERGENCY, 3, seed=0).states)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -22,7 +21,7 @@ from torch import nn
 from moral_algorithms.networks.conditioned import ConditionedPolicy
 from moral_algorithms.networks.policies import POLICIES
 from moral_algorithms.networks.rewards import ActionRewardEnsemble, ShapedRewardNetwork
-from moral_algorithms.storage import StorageError, read_tensors, write_tensors
+from moral_algorithms.storage import StorageError, StrPath, read_tensors, write_tensors
 from moral_algorithms.worlds import WorldSpec
 from moral_envs.engine import Engine
 from moral_envs.world import NUM_ACTIONS
@@ -72,7 +71,7 @@ class StoredActionReward(NamedTuple):
     """Where it was learned."""
 
 
-def save_policy(path: Path, policy: ActorCriticPolicy, preset: str, world: WorldSpec) -> None:
+def save_policy(path: StrPath, policy: ActorCriticPolicy, preset: str, world: WorldSpec) -> None:
     """Write a policy.
 
     Parameters
@@ -94,7 +93,7 @@ def save_policy(path: Path, policy: ActorCriticPolicy, preset: str, world: World
     _save(path, _POLICY, policy, world, preset=preset)
 
 
-def load_policy(path: Path, device: str = "cpu") -> StoredPolicy:
+def load_policy(path: StrPath, device: str = "cpu") -> StoredPolicy:
     """Read a policy.
 
     Raises
@@ -112,7 +111,7 @@ def load_policy(path: Path, device: str = "cpu") -> StoredPolicy:
     return StoredPolicy(policy, world)
 
 
-def save_conditioned_policy(path: Path, policy: ConditionedPolicy, world: WorldSpec) -> None:
+def save_conditioned_policy(path: StrPath, policy: ConditionedPolicy, world: WorldSpec) -> None:
     """Write a policy for all weights.
 
     Parameters
@@ -132,7 +131,7 @@ def save_conditioned_policy(path: Path, policy: ConditionedPolicy, world: WorldS
     _save(path, _CONDITIONED, policy, world, components=policy.components, span=policy.span)
 
 
-def load_conditioned_policy(path: Path, device: str = "cpu") -> StoredConditionedPolicy:
+def load_conditioned_policy(path: StrPath, device: str = "cpu") -> StoredConditionedPolicy:
     """Read a policy for all weights.
 
     Raises
@@ -152,7 +151,7 @@ def load_conditioned_policy(path: Path, device: str = "cpu") -> StoredConditione
     return StoredConditionedPolicy(policy, world)
 
 
-def save_reward(path: Path, network: ShapedRewardNetwork, normaliser: float, world: WorldSpec) -> None:
+def save_reward(path: StrPath, network: ShapedRewardNetwork, normaliser: float, world: WorldSpec) -> None:
     """Write a reward network.
 
     Parameters
@@ -175,7 +174,7 @@ def save_reward(path: Path, network: ShapedRewardNetwork, normaliser: float, wor
     _save(path, _REWARD, network, world, architecture=architecture, gamma=gamma, normaliser=normaliser)
 
 
-def load_reward(path: Path, device: str = "cpu") -> StoredReward:
+def load_reward(path: StrPath, device: str = "cpu") -> StoredReward:
     """Read a reward network.
 
     Raises
@@ -194,7 +193,7 @@ def load_reward(path: Path, device: str = "cpu") -> StoredReward:
     return StoredReward(network.to(device), float(header["normaliser"]), world)
 
 
-def save_action_reward(path: Path, network: ActionRewardEnsemble, world: WorldSpec) -> None:
+def save_action_reward(path: StrPath, network: ActionRewardEnsemble, world: WorldSpec) -> None:
     """Write an ensemble of reward networks.
 
     Parameters
@@ -223,7 +222,7 @@ def save_action_reward(path: Path, network: ActionRewardEnsemble, world: WorldSp
     )
 
 
-def load_action_reward(path: Path, device: str = "cpu") -> StoredActionReward:
+def load_action_reward(path: StrPath, device: str = "cpu") -> StoredActionReward:
     """Read an ensemble of reward networks.
 
     Raises
@@ -240,13 +239,13 @@ def load_action_reward(path: Path, device: str = "cpu") -> StoredActionReward:
     return StoredActionReward(network.to(device), world)
 
 
-def _save(path: Path, kind: str, network: nn.Module, world: WorldSpec, **build: Any) -> None:
+def _save(path: StrPath, kind: str, network: nn.Module, world: WorldSpec, **build: Any) -> None:
     arrays = {name: tensor.detach().cpu().numpy() for name, tensor in network.state_dict().items()}
     write_tensors(path, arrays, {"kind": kind, "version": VERSION, "world": world.to_json(), **build})
 
 
 def _load(
-    path: Path, kind: str, build: Callable[[dict[str, Any], WorldSpec], Network]
+    path: StrPath, kind: str, build: Callable[[dict[str, Any], WorldSpec], Network]
 ) -> tuple[Network, dict[str, Any], WorldSpec]:
     arrays, header = read_tensors(path, kind)
     if header.get("version") != VERSION:

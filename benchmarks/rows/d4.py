@@ -23,17 +23,24 @@ _LAMBDAS = tuple(round(0.1 * tenths, 1) for tenths in range(11))
 _COUNTERS = ("helped", "cleaned", "vases_broken")
 
 
+_TRUE = ("clean", "help")
+"""Components of PPO's reward, as in the thesis."""
+_SPARING = (*_TRUE, "vase")
+"""The same and what both experts are paid for, which they weigh like their errand."""
+
+
 def runs(profile: Profile) -> list[Run]:
-    """List MORAL for every ratio and seed, and PPO on cleaning and help for every lambda and seed."""
+    """List MORAL for every ratio and seed, and PPO for every lambda and seed, without and with vases."""
     lambdas = _LAMBDAS[::5] if profile == "smoke" else _LAMBDAS
     ppo = [
         Weighted(
             DELIVERY,
-            (weight, round(1 - weight, 6)),
+            (weight, round(1 - weight, 6), *(1.0 for _ in components[2:])),
             seed,
-            ("clean", "help"),
+            components,
             config=coverage(profile, steps=800_000, paper_steps=8_000_000),
         )
+        for components in (_TRUE, _SPARING)
         for weight in lambdas
         for seed in seeds(profile)
     ]
@@ -49,19 +56,40 @@ class CoverageSet(NamedTuple):
     """Vases that each breaks on average, shape (n,)."""
 
 
+class Comparison(NamedTuple):
+    """The coverage sets of all methods, by seed."""
+
+    moral: dict[int, CoverageSet]
+    """MORAL on learned rewards."""
+    ppo: dict[int, CoverageSet]
+    """PPO on the true rewards of help and cleaning."""
+    sparing: dict[int, CoverageSet]
+    """PPO that also pays for the vases it breaks, as the experts do."""
+
+
 def judge(results: Results) -> list[Check]:
-    """Compare what both methods span, and what they break."""
-    moral, ppo = coverage_sets(results, Asked), coverage_sets(results, Weighted)
-    both = sorted(moral.keys() & ppo.keys())
-    return compare([moral[seed] for seed in both], [ppo[seed] for seed in both]) if both else []
+    """Compare what the methods span, and what they break."""
+    found = coverage_sets(results)
+    both = sorted(found.moral.keys() & found.ppo.keys())
+    checks = compare([found.moral[seed] for seed in both], [found.ppo[seed] for seed in both]) if both else []
+    all_three = [seed for seed in both if seed in found.sparing]
+    if all_three:
+        price = [_volume(found.sparing[seed]) / _volume(found.ppo[seed]) for seed in all_three]
+        ratios = [_volume(found.moral[seed]) / _volume(found.sparing[seed]) for seed in all_three]
+        checks.append(
+            Check(
+                "MORAL spans at least 0.95 of the hypervolume of PPO that pays for vases as the experts do",
+                f"{spread(ratios, 3)}; that PPO spans {np.mean(price):.3f} of the one that pays for none",
+                bool(np.mean(ratios) >= 0.95),
+                "ours",
+            )
+        )
+    return checks
 
 
 def compare(moral: list[CoverageSet], ppo: list[CoverageSet]) -> list[Check]:
-    """Compare coverage sets, seed by seed."""
-    ratios = [
-        hypervolume(ours.collected, (0, 0)) / hypervolume(true.collected, (0, 0))
-        for ours, true in zip(moral, ppo, strict=True)
-    ]
+    """Compare coverage sets of MORAL and of PPO that does not pay for vases, seed by seed."""
+    ratios = [_volume(ours) / _volume(true) for ours, true in zip(moral, ppo, strict=True)]
     broken, allowed = ([float(one.vases.mean()) for one in coverage_sets] for coverage_sets in (moral, ppo))
     return [
         Check(
@@ -79,26 +107,39 @@ def compare(moral: list[CoverageSet], ppo: list[CoverageSet]) -> list[Check]:
     ]
 
 
-def coverage_sets(results: Results, kind: type[Asked] | type[Weighted]) -> dict[int, CoverageSet]:
-    """Collect the policies of one method, by seed."""
-    found: dict[int, list[list[float]]] = {}
-    for run, result in results.of(kind):
-        found.setdefault(run.seed, []).append([result["objectives"][name] for name in _COUNTERS])
-    rows = {seed: np.array(policies) for seed, policies in found.items()}
-    return {seed: CoverageSet(row[:, :2], row[:, 2]) for seed, row in rows.items()}
+def coverage_sets(results: Results) -> Comparison:
+    """Sort the policies by method and seed."""
+    moral = [(run.seed, result) for run, result in results.of(Asked)]
+    ppo = [(run.seed, result) for run, result in results.of(Weighted) if run.primary == _TRUE]
+    sparing = [(run.seed, result) for run, result in results.of(Weighted) if run.primary == _SPARING]
+    return Comparison(*(_by_seed(found) for found in (moral, ppo, sparing)))
+
+
+def _by_seed(found: list[tuple[int, dict[str, Any]]]) -> dict[int, CoverageSet]:
+    rows: dict[int, list[list[float]]] = {}
+    for seed, result in found:
+        rows.setdefault(seed, []).append([result["objectives"][name] for name in _COUNTERS])
+    policies = {seed: np.array(achieved) for seed, achieved in rows.items()}
+    return {seed: CoverageSet(row[:, :2], row[:, 2]) for seed, row in policies.items()}
+
+
+def _volume(one: CoverageSet) -> float:
+    return hypervolume(one.collected, (0, 0))
 
 
 def draw(results: Results) -> Figure:
-    """Draw the policies of both methods, coloured by vases, and each seed's convex coverage set."""
-    figure, axes = panels(2, width=5.0, height=4.4)
-    found: list[tuple[str, dict[int, Any]]] = [
-        ("MORAL, learned rewards", coverage_sets(results, Asked)),
-        ("PPO, true rewards of help and cleaning", coverage_sets(results, Weighted)),
-    ]
-    drawn = [one for _, by_seed in found for one in by_seed.values()]
+    """Draw the policies of all methods, coloured by vases, and each seed's convex coverage set."""
+    figure, axes = panels(3, width=4.4, height=4.2)
+    found = coverage_sets(results)
+    titles = (
+        "MORAL, learned rewards",
+        "PPO, true rewards of help and cleaning",
+        "PPO, true rewards with the price of vases",
+    )
+    drawn = [one for by_seed in found for one in by_seed.values()]
     most = max((one.vases.max() for one in drawn), default=1.0)
     reach = max((one.collected.max() for one in drawn), default=1.0)
-    for one, (title, by_seed) in zip(axes, found, strict=True):
+    for one, title, by_seed in zip(axes, titles, found, strict=True):
         _draw_sets(one, list(by_seed.values()), most)
         one.set(xlabel="helped", ylabel="cleaned", title=title, xlim=(0, reach + 0.5), ylim=(0, reach + 0.5))
     figure.colorbar(axes[-1].collections[0], ax=axes, label="vases broken", pad=0.01)

@@ -83,26 +83,33 @@ def in_delivery(run: Run) -> dict[str, Any]:
         share, vases = help_ / (help_ + clean), 0.2
     else:
         assert isinstance(run, Weighted)
-        share, vases = run.weights[1], 3.0
+        share, vases = run.weights[1], 0.1 if "vase" in run.primary else 3.0
     angle = share * np.pi / 2
+    radius = 10.0 if vases == 3.0 else 9.5
     return objectives(
         delivered=1.0,
-        helped=float(10 * np.sin(angle)),
-        cleaned=float(10 * np.cos(angle)),
+        helped=float(radius * np.sin(angle)),
+        cleaned=float(radius * np.cos(angle)),
         vases_broken=vases,
     )
 
 
 def test_policies_are_sorted_by_method_and_seed() -> None:
     results = made_up(d4.BENCHMARK, in_delivery)
-    moral, ppo = d4.coverage_sets(results, Asked), d4.coverage_sets(results, Weighted)
-    assert moral.keys() == ppo.keys() == {0, 1, 2}
+    moral, ppo, sparing = d4.coverage_sets(results)
+    assert moral.keys() == ppo.keys() == sparing.keys() == {0, 1, 2}
     for seed in moral:
         assert moral[seed].collected.shape == ppo[seed].collected.shape == (11, 2)
         # Weights are of (clean, help), counters of (helped, cleaned).
         np.testing.assert_allclose(ppo[seed].collected[0], [10, 0], atol=1e-9)
         assert moral[seed].vases.tolist() == [0.2] * 11
-    assert [check.met for check in d4.judge(results)][1]
+        assert sparing[seed].vases.tolist() == [0.1] * 11
+    volume, vases, against_sparing = d4.judge(results)
+    assert not volume.met
+    assert vases.met
+    # MORAL's ratios lie elsewhere on the circle than the lambdas do.
+    assert against_sparing.met
+    assert against_sparing.value.endswith(f"that PPO spans {0.95**2:.3f} of the one that pays for none")
 
 
 def in_the_warehouse(run: Run) -> dict[str, Any]:

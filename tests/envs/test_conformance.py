@@ -13,6 +13,7 @@ import gymnasium
 import mo_gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from gymnasium.vector import AutoresetMode
@@ -32,13 +33,21 @@ from mo_gymnasium.wrappers.vector import MOSyncVectorEnv
 from momaland.test.api_test import api_test as mo_api_test
 from momaland.utils import parallel_wrappers
 from momaland.utils.conversions import mo_aec_to_parallel, mo_parallel_to_aec
-from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, render_test, seed_test
+from pettingzoo.test import (
+    api_test,
+    parallel_api_test,
+    parallel_seed_test,
+    render_test,
+    seed_test,
+    state_test,
+)
 from pettingzoo.utils import BaseWrapper
 from pettingzoo.utils.conversions import parallel_to_aec
 
 from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0, windy_wall_v0
 from moral_envs.faces import GridAECEnv, GridEnv, GridParallelEnv, GridVectorEnv
-from moral_envs.world import World
+from moral_envs.layouts import Layout
+from moral_envs.world import MAX_HORIZON, World
 
 MODULES = {
     "Emergency": emergency_v0,
@@ -179,6 +188,16 @@ def test_the_parallel_face_stays_reproducible_over_many_episodes(variant: Varian
                 differing += (left[0][agent] != wrong[0][agent]).any()
         assert first.agents == second.agents == []
     assert differing > 0
+
+
+@pytest.mark.parametrize("num_agents", [1, 3])
+@pytest.mark.parametrize("variant", WORLDS.values(), ids=WORLDS)
+def test_pettingzoo_accepts_the_state(variant: Variant, num_agents: int) -> None:
+    env, parallel = variant.env(num_agents=num_agents), variant.parallel_env(num_agents=num_agents)
+    state_test(env, parallel)
+    for face in (env, parallel):
+        face.reset(seed=0)
+        assert face.state_space.contains(face.state())
 
 
 @each_team
@@ -415,6 +434,34 @@ def test_an_environment_is_made_by_its_id(variant: Variant) -> None:
     assert isinstance(mo_gymnasium.make(variant.id).unwrapped, GridEnv)
 
 
+@each_world
+def test_gymnasium_knows_the_render_modes_before_it_makes_one(variant: Variant) -> None:
+    """It wraps what is asked for as a list, and it would say what it does not find."""
+    env = gymnasium.make(variant.id, render_mode="rgb_array_list", max_cycles=3)
+    env.reset(seed=0)
+    env.step(0)
+    frames = env.render()
+    assert isinstance(frames, list)
+    assert len(frames) == 2
+
+
+def test_a_layout_survives_the_json_of_a_specification() -> None:
+    layout = Layout(walls=(0.0, 0.4), height=(6, 9), counts={"people": (1, 3)}, max_cycles=(10, 20))
+    env = gymnasium.make("moral/Emergency-v0", layout=layout)
+    assert env.spec is not None
+    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    assert isinstance(env.unwrapped, GridEnv)
+    assert isinstance(again.unwrapped, GridEnv)
+    assert again.unwrapped.engine.world == env.unwrapped.engine.world
+
+
+def test_the_longest_episodes_go_on_after_the_first() -> None:
+    env = emergency_v0.single_env(max_cycles=MAX_HORIZON)
+    for seed in range(3):
+        env.reset(seed=seed)
+        assert env.step(4)[2:4] == (False, False)
+
+
 @pytest.mark.parametrize("options", [{}, {"num_agents": 2}])
 @each_single
 def test_a_vector_environment_is_made_by_its_id(variant: Variant, options: dict[str, Any]) -> None:
@@ -563,6 +610,11 @@ def test_a_copy_goes_its_own_way(variant: Variant) -> None:
         aec.step(0)
     assert [env.parallel.engine.elapsed[0] for env in (aec, aec_twin)] == [2, 0]
     assert aec_twin.agent_selection == "agent_0"
+
+    vector = copy.deepcopy(variant.vector_env(num_envs=3))
+    vector.reset(seed=0)
+    with pytest.raises(ValueError, match=r"must have shape \(3,\)$"):
+        vector.step([1])
 
 
 def test_importing_the_package_loads_no_heavy_library() -> None:

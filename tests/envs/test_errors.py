@@ -48,6 +48,15 @@ def require_one_line(call: Callable[[], Any], match: str) -> None:
     [
         (lambda: emergency_v0.world(height=2), r"^height is 2; it must be at least 3"),
         (lambda: delivery_v0.world(width=-1), r"^width is -1; it must be at least 3"),
+        (
+            lambda: emergency_v0.world(max_cycles=2**31),
+            r"^max_cycles is 2147483648; it must be at most",
+        ),
+        (
+            lambda: delivery_v0.single_env(max_cycles=2**70),
+            r"^max_cycles is \d+; it must be at most 2147483647$",
+        ),
+        (lambda: emergency_v0.world(walk=True), r"^walk is True; a chance is 0 to 1$"),
         (lambda: emergency_v0.world(num_people=-1), r"^num_people is -1; it must be a count, 0 or more"),
         (lambda: delivery_v0.world(num_vases=-2), r"^num_vases is -2; it must be a count, 0 or more"),
         (lambda: emergency_v0.world(num_people=2.5), r"^num_people is 2.5; it must be an integer, a count"),

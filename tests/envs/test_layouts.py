@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from moral_envs import layouts
+from moral_envs import emergency_v0, layouts
 from moral_envs.layouts import HELD_OUT, NAMES, Layout, Rooms
 from moral_envs.streams import draw_integers, spawn_streams
 
@@ -381,6 +381,18 @@ def test_a_range_may_be_as_wide_as_a_draw(width: int) -> None:
         (lambda: Layout(walls=float("nan")), r"^walls is nan; a share lies between 0 and 1$"),
         (lambda: Layout(walls=(0.6, 0.5)), r"^walls is \(0.6, 0.5\); the least must come first"),
         (lambda: Layout(walls="many"), r"^walls is 'many'; it must be a number or a pair"),
+        (lambda: Layout(walls="0.5"), r"^walls is '0.5'; it must be a number or a pair"),
+        (lambda: Layout(walls=("0", "1")), r"^walls is \('0', '1'\); it must be a number or a pair"),
+        (lambda: Layout(walls=True), r"^walls is True; it must be a number or a pair"),
+        (lambda: Layout(max_cycles=True), r"^max_cycles is True; it must be an integer or a pair"),
+        (
+            lambda: Layout(counts={"people": True}),
+            r"^counts\['people'\] is True; it must be an integer or a pair",
+        ),
+        (
+            lambda: emergency_v0.world(layout={"wall": 0.5}),
+            r"^layout has 'wall'; its arguments are \['height', ",
+        ),
         (lambda: Layout(plan="maze"), r"^plan is 'maze'; it must be one of \('four_rooms', .*'islands'\)$"),
         (lambda: Layout(plan="ring", walls=0.3), r"^walls is 0.3; it must be 0 beside the plan 'ring'$"),
         (lambda: Layout(plan="ring", height=(7, 9)), r"^height is \(7, 9\); it must be at least 8$"),

@@ -413,7 +413,8 @@ def test_the_image_shows_the_state_and_the_payoffs() -> None:
     middles = [np.argwhere(mask).mean(axis=0) for mask in blue]
     for middle, centre in zip(middles, [(120, 60), (62, 230), (178, 230)], strict=True):
         assert abs(middle - centre).max() < 3
-    other = noisy_constraint_v0.single_env("rgb_array", rewards=(-1 / 3, 1e10), costs=(6789, 2.45))
+    large = {"rewards": (-1 / 3, 1e10), "costs": (6789, 2.45)}
+    other = noisy_constraint_v0.single_env(render_mode="rgb_array", **large)
     assert other.render().shape[1] > 418
 
 
@@ -432,6 +433,9 @@ def test_without_a_render_mode_nothing_is_drawn() -> None:
         ({"rewards": 1.0}, r"^rewards is 1.0; it must be two finite numbers"),
         ({"costs": (0.0, math.nan)}, r"^costs is \(0.0, nan\); it must be two finite numbers"),
         ({"costs": "ab"}, r"^costs is 'ab'; it must be two finite numbers"),
+        ({"rewards": "01"}, r"^rewards is '01'; it must be two finite numbers"),
+        ({"noise": "0.5"}, r"^noise is '0.5'; it must be a finite number, 0 or more$"),
+        ({"noise": True}, r"^noise is True; it must be a finite number, 0 or more$"),
         ({"noise": -0.1}, r"^noise is -0.1; it must be a finite number, 0 or more$"),
         ({"noise": "much"}, r"^noise is 'much'; it must be a finite number, 0 or more$"),
         ({"noise": math.nan}, r"^noise is nan; it must be a finite number, 0 or more$"),

@@ -377,7 +377,7 @@ def test_impossible_horizons_people_and_shapes_are_refused(starts: Starts) -> No
         optimal.pareto_fronts(starts[:1], -1)
     with pytest.raises(ValueError, match=r"^horizon is -1; "):
         optimal.optimal_actions(starts[0], -1, 0)
-    for people_saved in (-1, 7, 2.5, "a", None):
+    for people_saved in (-1, 7, 2.0, 2.5, True, "a", None):
         with pytest.raises(ValueError, match=rf"^people_saved is {people_saved!r}; it must be 0 to 6"):
             optimal.optimal_actions(starts[0], FULL_HORIZON, people_saved)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"^start has shape \(1, 4, 8, 8\); "):

@@ -327,3 +327,17 @@ def test_keys_have_names_and_those_that_change_others_are_left_out() -> None:
     pygame.event.post(pygame.event.Event(pygame.QUIT))
     assert window.wait_for_keys(0) == []
     assert window.dismissed
+
+
+def test_a_window_of_somebody_else_will_do() -> None:
+    """Whoever opened it, like Gymnasium's own worlds, may have no letters."""
+    pygame.quit()
+    pygame.display.init()
+    pygame.display.set_mode((600, 400))
+    env = open_face(emergency_v0, "single_env")
+    env.reset(seed=0)
+    env.step(0)
+    assert len(np.unique(pixels().reshape(-1, 3), axis=0)) > 10
+    env.close()
+    # It is not ours to close.
+    assert pygame.display.get_surface() is not None

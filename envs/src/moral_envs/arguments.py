@@ -46,7 +46,7 @@ def is_finite(value: object) -> bool:
 
 def is_chance(value: object) -> bool:
     """Whether something is a number from 0 to 1."""
-    if not isinstance(value, SupportsFloat):
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, SupportsFloat):
         return False
     try:
         return 0 <= float(value) <= 1

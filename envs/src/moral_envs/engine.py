@@ -167,7 +167,7 @@ class Engine:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copied or pickled one by one, arrays that share memory would come apart.
-        return _rebuild, (self._arguments, self.state_dict(), self._unseeded)
+        return _rebuild, (self._arguments, self.state_dict(), self._unseeded, self.action_shape)
 
     @property
     def observation_shape(self) -> tuple[int, int, int]:
@@ -220,20 +220,22 @@ class Engine:
         np.copyto(self._streams, streams, where=True if mask is None else mask)
         self._unseeded[slice(None) if mask is None else mask] = False
 
-    def seed_unseeded(self, mask: NDArray[np.bool_] | None = None) -> None:
-        """Take fresh entropy for all environments, or for those in ``mask``, that have never been seeded.
+    def seed_unseeded(self, seed: int | None = None, mask: NDArray[np.bool_] | None = None) -> None:
+        """Seed all environments, or those in ``mask``, that have never been seeded.
 
-        The faces do so when an episode starts without a seed, and not when they are made: copies of an
-        environment, in this process or in others, then differ.
+        The faces do so when an episode starts without a seed, Gymnasium's with their ``np_random_seed``, and
+        not when they are made: copies of an environment, in this process or in others, then differ.
 
         Parameters
         ----------
+        seed
+            Seed of the batch, as for :func:`~moral_envs.streams.spawn_streams`; None takes fresh entropy.
         mask
             bool array of shape (n_envs,).
         """
         unseeded = self._unseeded if mask is None else self._unseeded & mask
         if unseeded.any():
-            self._streams[unseeded] = spawn_streams(None, int(unseeded.sum()))
+            self._streams[unseeded] = spawn_streams(seed, self.num_envs)[unseeded]
             self._unseeded[unseeded] = False
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
@@ -387,7 +389,11 @@ class Engine:
         return planes.reshape(self.num_envs, -1, self.world.height, self.world.width)
 
     def state_dict(self) -> dict[str, NDArray[np.generic]]:
-        """Copy the whole state into arrays, for :meth:`load_state_dict`."""
+        """Copy the whole state into arrays, for :meth:`load_state_dict`.
+
+        It is the engine's alone: whether an episode goes on is known to the faces. To branch from a state of
+        a face, copy the face (``copy.deepcopy``).
+        """
         state: dict[str, NDArray[np.generic]] = {
             "streams": self.streams,
             "planes": self._plane_rows[:, : self._num_planes].reshape(-1).copy(),
@@ -572,9 +578,13 @@ class Engine:
 
 
 def _rebuild(
-    arguments: tuple[Any, ...], state: dict[str, NDArray[np.generic]], unseeded: NDArray[np.bool_]
+    arguments: tuple[Any, ...],
+    state: dict[str, NDArray[np.generic]],
+    unseeded: NDArray[np.bool_],
+    action_shape: tuple[int, ...],
 ) -> Engine:
     engine = Engine(*arguments)
+    engine.action_shape = action_shape
     engine.load_state_dict(state)
     engine._unseeded[:] = unseeded
     return engine

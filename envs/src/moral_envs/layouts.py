@@ -25,15 +25,16 @@ upside down, left to right, or both. What this guarantees:
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import NamedTuple
+from numbers import Real
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moral_envs.arguments import as_integer
 from moral_envs.streams import draw_integers
 
 MIN_SIZE = 3
@@ -236,6 +237,21 @@ def named(name: str) -> Layout:
     return _RANDOM[name] if name in _RANDOM else Layout(plan=name)
 
 
+def from_arguments(arguments: Mapping[str, Any]) -> Layout:
+    """Return the layout of a dict of its arguments.
+
+    Raises
+    ------
+    ValueError
+        If it has no such argument, or as for :class:`Layout`.
+    """
+    known = [field.name for field in fields(Layout)]
+    unknown = [name for name in arguments if name not in known]
+    if unknown:
+        raise ValueError(f"layout has {unknown[0]!r}; its arguments are {known}")
+    return Layout(**arguments)
+
+
 def floor_plan(name: str, height: int, width: int) -> NDArray[np.bool_]:
     """Draw a floor plan.
 
@@ -267,12 +283,12 @@ def _ends(value: Range) -> tuple[int, int]:
 def _checked_range(name: str, value: object, least: int) -> Range:
     """Return ``value`` as a number or a pair of numbers that do not lie below ``least``, or raise."""
     pair = value if isinstance(value, (tuple, list)) else (value, value)
-    try:
-        low, high = (operator.index(end) for end in pair)
-    except (TypeError, ValueError):
+    ends = [end for end in map(as_integer, pair) if end is not None]
+    if len(pair) != 2 or len(ends) != 2:
         raise ValueError(
             f"{name} is {value!r}; it must be an integer or a pair of integers (least, greatest)"
-        ) from None
+        )
+    low, high = ends
     if low > high:
         raise ValueError(f"{name} is {value!r}; the least must come first, as in {(high, low)}")
     if low < least:
@@ -297,10 +313,9 @@ def _check_counts(value: object) -> None:
 def _checked_share(name: str, value: object) -> float | tuple[float, float]:
     """Return ``value`` as a share or a pair of shares, or raise."""
     pair = value if isinstance(value, (tuple, list)) else (value, value)
-    try:
-        low, high = (float(end) for end in pair)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} is {value!r}; it must be a number or a pair (least, greatest)") from None
+    if len(pair) != 2 or not all(isinstance(end, Real) and not isinstance(end, bool) for end in pair):
+        raise ValueError(f"{name} is {value!r}; it must be a number or a pair (least, greatest)")
+    low, high = (float(end) for end in pair)
     if not (0 <= low <= 1 and 0 <= high <= 1):
         raise ValueError(f"{name} is {value!r}; a share lies between 0 and 1")
     if low > high:

@@ -64,7 +64,7 @@ figure's are not in the text.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
 from inspect import signature
 from typing import Any
@@ -77,9 +77,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 from pettingzoo import AECEnv, ParallelEnv
 
-from moral_envs.arguments import require_integer
+from moral_envs.arguments import as_integer, is_finite, require_integer
 from moral_envs.diagram import STATE_NAMES, draw_ansi, draw_rgb
 from moral_envs.faces.common import Frame, of_agent, require_render_mode
+from moral_envs.faces.resets import Seeds, known_seed, require_mask, require_streams
 from moral_envs.streams import draw_integers, spawn_streams
 
 __all__ = ["env", "parallel_env", "single_env", "success_probability", "vector_env"]
@@ -160,20 +161,13 @@ class Payoffs:
     def __post_init__(self) -> None:
         for name in ("rewards", "costs"):
             pair = getattr(self, name)
-            try:
-                one, two = (float(number) for number in pair)
-                finite = math.isfinite(one) and math.isfinite(two)
-            except (TypeError, ValueError):
-                finite = False
-            if not finite:
+            numbers = list(pair) if isinstance(pair, Iterable) else []
+            if len(numbers) != 2 or not all(map(is_finite, numbers)):
                 raise ValueError(f"{name} is {pair!r}; it must be two finite numbers, for S1 and S2")
-            object.__setattr__(self, name, (one, two))
-        try:
-            noise = float(self.noise)
-        except (TypeError, ValueError):
-            noise = math.nan
-        if not 0 <= noise < math.inf:
+            object.__setattr__(self, name, (float(numbers[0]), float(numbers[1])))
+        if not is_finite(self.noise) or self.noise < 0:
             raise ValueError(f"noise is {self.noise!r}; it must be a finite number, 0 or more")
+        object.__setattr__(self, "noise", float(self.noise))
 
     @property
     def vectors(self) -> NDArray[np.float64]:
@@ -189,6 +183,7 @@ class _Decisions:
         self.num_envs = require_integer("num_envs", num_envs, 1, "at least 1")
         self._vectors = payoffs.vectors
         self._streams = spawn_streams(None, self.num_envs)
+        self._unseeded = np.ones(self.num_envs, dtype=np.bool_)
         self.states = np.full(self.num_envs, _START, dtype=np.int64)
 
     @property
@@ -203,6 +198,14 @@ class _Decisions:
     def seed(self, streams: NDArray[np.uint64], mask: NDArray[np.bool_] | None = None) -> None:
         """Set the random streams of all environments, or of those in ``mask``."""
         np.copyto(self._streams, streams, where=True if mask is None else mask)
+        self._unseeded[slice(None) if mask is None else mask] = False
+
+    def seed_unseeded(self, seed: int | None, mask: NDArray[np.bool_] | None = None) -> None:
+        """Seed those environments that have never been seeded, when an episode starts: copies then differ."""
+        unseeded = self._unseeded if mask is None else self._unseeded & mask
+        if unseeded.any():
+            self._streams[unseeded] = spawn_streams(seed, self.num_envs)[unseeded]
+            self._unseeded[unseeded] = False
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Go back to the start in all environments, or in those in ``mask``."""
@@ -286,14 +289,16 @@ class NoisyConstraintEnv(gymnasium.Env[Observation, int]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
         """Start an episode; without a seed the random stream goes on from the last episode."""
-        super().reset(seed=seed, options=options)
         if seed is not None:
+            seed = require_integer("seed", seed, 0, "0 or more")
             self._decisions.seed(spawn_streams(seed, 1))
+        super().reset(seed=seed, options=options)
+        self._decisions.seed_unseeded(known_seed(self.np_random_seed))
         self._decisions.reset()
         self._running = True
         return self._decisions.observe()[0], self._info()
 
-    def step(self, action: int) -> tuple[Observation, Reward, bool, bool, Info]:
+    def step(self, action: int | np.integer[Any]) -> tuple[Observation, Reward, bool, bool, Info]:
         """Decide, which ends the episode."""
         if not self._running:
             raise ValueError("action was given outside an episode; call reset first")
@@ -360,30 +365,21 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         self.reward_dim = len(REWARD_NAMES)
         self.reward_names = REWARD_NAMES
         self.objective_names = OBJECTIVE_NAMES
+        self.agent_reward_names = (REWARD_NAMES,)
         self._started = False
 
-    def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, Info]:
+    def reset(self, *, seed: Seeds = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Start episodes in all environments, or in those of ``options["reset_mask"]``.
 
         An integer seed gives every environment a stream of its own, spawned from it; with a sequence,
         environment ``i`` goes through what a single environment does after ``reset(seed=seed[i])``.
         """
-        mask = None if options is None else options.get("reset_mask")
-        if mask is not None:
-            mask = np.asarray(mask)
-            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-                found, wanted = f"{mask.dtype} {mask.shape}", f"bool {(self.num_envs,)}"
-                raise ValueError(f"options['reset_mask'] is {found}; it must be {wanted}")
-        if isinstance(seed, (int, np.integer)):
-            self._decisions.seed(spawn_streams(int(seed), self.num_envs), mask)
-        elif seed is not None:
-            if len(seed) != self.num_envs:
-                raise ValueError(f"seed has {len(seed)} entries; it must be one integer or {self.num_envs}")
-            given = np.array([one is not None for one in seed], dtype=np.bool_)
-            streams = np.concatenate([spawn_streams(one, 1) for one in seed])
-            self._decisions.seed(streams, given if mask is None else given & mask)
+        mask = require_mask(options, self.num_envs)
+        streams = require_streams(seed, self.num_envs, mask)
+        if streams is not None:
+            self._decisions.seed(streams.states, streams.given)
+        super().reset(seed=as_integer(seed))
+        self._decisions.seed_unseeded(known_seed(self.np_random_seed), mask)
         self._decisions.reset(mask)
         self._started = True
         return self._decisions.observe(), self._infos()
@@ -445,6 +441,7 @@ class _OneAgent:
         self.observation_spaces: dict[str, spaces.Space[Any]] = {_AGENT: self._single.observation_space}
         self.action_spaces: dict[str, spaces.Space[Any]] = {_AGENT: self._single.action_space}
         self.reward_spaces: dict[str, spaces.Space[Any]] = {_AGENT: self._single.reward_space}
+        self.agent_reward_names = {_AGENT: REWARD_NAMES}
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Space of the agent's observations, always the same object."""
@@ -465,6 +462,11 @@ class _OneAgent:
     def state(self) -> Observation:
         """Show the state as the agent sees it, uint8 (3,)."""
         return self._single.state()
+
+    @property
+    def state_space(self) -> spaces.Space[Any]:
+        """Space of :meth:`state`."""
+        return _observation_space()
 
     def get_central_observation_space(self) -> spaces.Space[Any]:
         """Space of :meth:`state`, for MOMAland's ``CentraliseAgent``."""
@@ -566,13 +568,14 @@ class NoisyConstraintAECEnv(_OneAgent, AECEnv[str, Observation, int | None]):
         self.infos = {_AGENT: info}
 
 
-def single_env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintEnv:
+def single_env(*, render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintEnv:
     """Noisy Constraint as a Gymnasium environment; ``payoffs`` go to :class:`Payoffs`."""
     return NoisyConstraintEnv(_payoffs(single_env, payoffs), render_mode)
 
 
 def vector_env(
     num_envs: int = 1,
+    *,
     render_mode: str | None = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     **payoffs: Any,
@@ -581,12 +584,12 @@ def vector_env(
     return NoisyConstraintVectorEnv(_payoffs(vector_env, payoffs), num_envs, render_mode, autoreset_mode)
 
 
-def parallel_env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintParallelEnv:
+def parallel_env(*, render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintParallelEnv:
     """Noisy Constraint as a PettingZoo parallel environment; ``payoffs`` go to :class:`Payoffs`."""
     return NoisyConstraintParallelEnv(_payoffs(parallel_env, payoffs), render_mode)
 
 
-def env(render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintAECEnv:
+def env(*, render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintAECEnv:
     """Noisy Constraint as a PettingZoo agent-environment-cycle environment; ``payoffs`` as for the others."""
     return NoisyConstraintAECEnv(_payoffs(env, payoffs), render_mode)
 
@@ -600,3 +603,7 @@ def _payoffs(function: Callable[..., Any], arguments: dict[str, Any]) -> Payoffs
             takes = ", ".join(own + known)
             raise TypeError(f"{function.__name__}() has no argument {name!r}; it must be one of {takes}")
     return Payoffs(**arguments)
+
+
+# Where Gymnasium looks for render modes before it makes an environment.
+setattr(single_env, "metadata", {"render_modes": list(RENDER_MODES), "render_fps": 1})  # noqa: B010

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from moral_envs.arguments import is_chance, require_integer
+from moral_envs.arguments import as_integer, is_chance, require_integer
 from moral_envs.array_arguments import require_numbers, require_weights
 from moral_envs.discounted import coverage_vertices
 from moral_envs.emergency_starts import (
@@ -330,8 +330,8 @@ def optimal_actions(start: npt.ArrayLike, horizon: int, people_saved: int) -> np
     person_at = {int(cell): person for person, cell in enumerate(np.flatnonzero(worlds[0, 2]))}
     goal_time = list(_forward(worlds, horizon))
 
-    counts = people_in_each_set(worlds).tolist()
-    eligible = np.array([people for people, count in enumerate(counts) if count == people_saved], dtype=int)
+    counts, wanted = people_in_each_set(worlds).tolist(), as_integer(people_saved)
+    eligible = np.array([people for people, count in enumerate(counts) if count == wanted], dtype=int)
     if not eligible.size or goal_time[-1][eligible].max() < 0:
         raise ValueError(
             f"people_saved is {people_saved!r}; it must be 0 to {len(person_at)}, "

@@ -100,6 +100,8 @@ class Window:
         if self.dismissed:
             return
         pygame = _import_pygame()
+        # Here, for the window may be somebody else's, who needs no letters.
+        pygame.font.init()
         world, planes, agents = self.engine.world, self.engine.world_planes()[0], self.engine.agent_cells[0]
         if pygame.display.get_surface() is None:
             self._open(notes)
@@ -152,7 +154,6 @@ class Window:
 
     def _open(self, notes: Sequence[str]) -> None:
         pygame = _import_pygame()
-        pygame.font.init()
         try:
             pygame.display.init()
         except pygame.error as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from moral_envs import layouts
 from moral_envs.arguments import as_integer, is_chance, is_finite, require_bool, require_integer
@@ -32,6 +32,8 @@ NUM_ACTIONS = len(ACTION_NAMES)
 NUM_MOVES = 4
 """The first actions are the moves: up, down, left, right."""
 
+MAX_HORIZON = 2**31 - 1
+"""The most steps of an episode; clocks count them in 64 bits."""
 MAX_KINDS = 26
 """Kinds of objects that the engine's bytes can tell apart."""
 
@@ -95,8 +97,8 @@ class ObjectKind:
     on_enter
         What moving onto its cell does; the object is removed. None: the agent just stands on it.
     walks
-        Chance, at every step, that it moves in a random direction once the agents have acted. Walls, agents
-        and other objects block it.
+        Chance, at every step, that it moves in a random direction once the agents have acted, to the nearest
+        1/65536. Walls, agents and other objects block it.
 
     Raises
     ------
@@ -316,6 +318,8 @@ class World:
             integer = require_integer(argument, size, 3, "at least 3, the border wall included")
             object.__setattr__(self, argument, integer)
         horizon = require_integer("max_cycles", self.horizon, 1, "at least 1, the steps of an episode")
+        if horizon > MAX_HORIZON:
+            raise ValueError(f"max_cycles is {horizon}; it must be at most {MAX_HORIZON}")
         object.__setattr__(self, "horizon", horizon)
         num_actions = as_integer(self.num_actions)
         if num_actions not in (NUM_MOVES, NUM_MOVES + 1, NUM_ACTIONS):
@@ -385,7 +389,7 @@ class World:
             high.append(sum(max([0.0, *amounts]) for amounts in groups))
         return low, high
 
-    def in_layout(self, layout: Layout | str | None) -> World:
+    def in_layout(self, layout: Layout | Mapping[str, Any] | str | None) -> World:
         """Return this world with rooms drawn anew for each episode.
 
         Sizes become the layout's greatest ones, which are those of the observations, and so do counts and
@@ -394,8 +398,8 @@ class World:
         Parameters
         ----------
         layout
-            A :class:`~moral_envs.layouts.Layout` or one of :data:`~moral_envs.layouts.NAMES`. None: the world
-            as it is.
+            A :class:`~moral_envs.layouts.Layout`, a dict of its arguments, as Gymnasium reads it from a
+            specification in JSON, or one of :data:`~moral_envs.layouts.NAMES`. None: the world as it is.
 
         Raises
         ------
@@ -406,6 +410,8 @@ class World:
             return self
         if isinstance(layout, str):
             layout = layouts.named(layout)
+        if isinstance(layout, Mapping):
+            layout = layouts.from_arguments(layout)
         if not isinstance(layout, Layout):
             raise ValueError(f"layout is {layout!r}; it must be a Layout or one of {layouts.NAMES}")
         counts = {kind.name: kind.count for kind in self.objects}

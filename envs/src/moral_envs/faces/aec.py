@@ -158,6 +158,11 @@ class GridAECEnv(AECEnv[AgentID, Observation, SupportsIndex | None]):
         """Planes of the whole world: walls, one plane per agent, objects; uint8 (C + n_agents - 1, H, W)."""
         return self.parallel.state()
 
+    @property
+    def state_space(self) -> spaces.Box:
+        """Space of :meth:`state`."""
+        return self.parallel.state_space
+
     def get_central_observation_space(self) -> spaces.Box:
         """Space of the flattened :meth:`state`, for MOMAland's ``CentraliseAgent``."""
         return self.parallel.get_central_observation_space()

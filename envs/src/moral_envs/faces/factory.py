@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar, cast, overload
 from gymnasium.vector import AutoresetMode
 
 from moral_envs.faces.aec import GridAECEnv
+from moral_envs.faces.common import RENDER_FPS, RENDER_MODES
 from moral_envs.faces.parallel import GridParallelEnv
 from moral_envs.faces.single import GridEnv
 from moral_envs.faces.vector import GridVectorEnv
@@ -226,6 +227,8 @@ def _of_world(method: _Function, world: Callable[..., World], made: type) -> _Fu
         rule if rule.kind is Parameter.VAR_KEYWORD else rule.replace(kind=Parameter.KEYWORD_ONLY)
         for rule in rules
     ]
+    # Where Gymnasium looks for render modes before it makes an environment.
+    face.metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}  # type: ignore[attr-defined]
     face.__signature__ = shown.replace(parameters=[*own, *named], return_annotation=made)  # type: ignore[attr-defined]
     return cast(_Function, face)
 

@@ -220,6 +220,11 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
         agents[np.arange(len(agents)), rows, columns] = 1
         return np.stack([walls, *agents, *things])
 
+    @property
+    def state_space(self) -> spaces.Box:
+        """Space of :meth:`state`."""
+        return spaces.Box(0, 1, shape=self.state().shape, dtype=np.uint8)
+
     def get_central_observation_space(self) -> spaces.Box:
         """Space of the flattened :meth:`state`, for MOMAland's ``CentraliseAgent``."""
         return spaces.Box(0, 1, shape=(self.state().size,), dtype=np.uint8)

@@ -22,6 +22,7 @@ from moral_envs.faces.common import (
     require_render_mode,
     reward_space,
 )
+from moral_envs.faces.resets import known_seed
 from moral_envs.streams import spawn_streams
 from moral_envs.world import World
 
@@ -65,7 +66,7 @@ class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
         ----------
         seed
             Of the environment's random stream, 0 or more. None: the stream goes on from the last episode; the
-            first one takes fresh entropy.
+            first one takes fresh entropy, and ``np_random_seed`` is then the seed that gives it again.
         options
             Not used.
 
@@ -85,14 +86,16 @@ class GridEnv(gymnasium.Env[NDArray[np.uint8], int]):
             seed = require_integer("seed", seed, 0, "0 or more")
             self.engine.seed(spawn_streams(seed, 1))
         super().reset(seed=seed, options=options)
-        self.engine.seed_unseeded()
+        self.engine.seed_unseeded(known_seed(self.np_random_seed))
         self.engine.reset()
         self._running = True
         if self.window is not None:
             self.window.reset()
         return self.engine.observe()[0, 0], self._info()
 
-    def step(self, action: int) -> tuple[NDArray[np.uint8], NDArray[np.float32], bool, bool, dict[str, Any]]:
+    def step(
+        self, action: int | np.integer[Any]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32], bool, bool, dict[str, Any]]:
         """Take one step.
 
         Parameters

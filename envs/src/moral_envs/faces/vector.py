@@ -24,7 +24,7 @@ from moral_envs.faces.common import (
     require_render_mode,
     reward_bounds,
 )
-from moral_envs.streams import spawn_streams
+from moral_envs.faces.resets import Seeds, known_seed, require_mask, require_streams
 from moral_envs.world import World
 
 Result = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
@@ -118,7 +118,7 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
         self._everywhere = np.ones(num_envs, dtype=np.bool_)
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: Seeds = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
         """Start episodes in all environments, or in those of ``options["reset_mask"]``.
 
@@ -129,7 +129,7 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
             ``reset(seed=seed[i])``, and None leaves its stream as it is. An integer seeds the batch as a
             whole: every environment gets a stream of its own, spawned from it by ``SeedSequence.spawn``, and
             not, as in Gymnasium's own vector environments, the seed ``seed + i``. None: all streams go on;
-            those that have never been seeded take fresh entropy.
+            those that have never been seeded are spawned from fresh entropy, ``np_random_seed``.
         options
             ``{"reset_mask": mask}``, a bool array of shape (n,), resets some environments only.
 
@@ -147,25 +147,13 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
             If a seed is negative or no integer, or their number or the mask does not fit; nothing has changed
             then.
         """
-        if options is not None and not isinstance(options, dict):
-            raise ValueError(f"options is {options!r}; it must be a dict or None")
-        mask = None if options is None else options.get("reset_mask")
-        if mask is not None:
-            mask = np.asarray(mask)
-            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-                found, wanted = f"{mask.dtype} {mask.shape}", f"bool {(self.num_envs,)}"
-                raise ValueError(f"options['reset_mask'] is {found}; it must be {wanted}")
-        number = as_integer(seed)
-        if number is not None:
-            self.engine.seed(spawn_streams(number, self.num_envs), mask)
-        elif seed is not None:
-            seed = _require_seeds(seed, self.num_envs)
-            if len(seed) != self.num_envs:
-                raise ValueError(f"seed has {len(seed)} entries; it must be one integer or {self.num_envs}")
-            given = np.array([one is not None for one in seed], dtype=np.bool_)
-            streams = np.concatenate([spawn_streams(one, 1) for one in seed])
-            self.engine.seed(streams, given if mask is None else given & mask)
-        self.engine.seed_unseeded(mask)
+        mask = require_mask(options, self.num_envs)
+        streams = require_streams(seed, self.num_envs, mask)
+        if streams is not None:
+            self.engine.seed(streams.states, streams.given)
+        # What Gymnasium's own generator was seeded with is told as `np_random_seed`.
+        super().reset(seed=as_integer(seed))
+        self.engine.seed_unseeded(known_seed(self.np_random_seed), mask)
         self.engine.reset(mask)
         self._started = True
         if self._ended is not None:
@@ -233,16 +221,6 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
 
     def _infos(self) -> dict[str, Any]:
         return {"objectives": self.engine.objectives[self._shown], "_objectives": self._everywhere.copy()}
-
-
-def _require_seeds(seed: object, num_envs: int) -> Sequence[int | None]:
-    """Return what may be one seed for each environment as a sequence, or raise a ValueError."""
-    if isinstance(seed, np.ndarray) and seed.ndim == 1:
-        return list(seed)
-    if isinstance(seed, Sequence) and not isinstance(seed, (str, bytes)):
-        return seed
-    shown = " ".join(repr(seed).split())
-    raise ValueError(f"seed is {shown}; it must be an integer, None or a sequence of {num_envs}")
 
 
 def _batch_box(space: spaces.Box, count: int) -> spaces.Box:

@@ -60,7 +60,8 @@ class Contender(Run):
             "optimum": found["optimum"],
             "env_steps": sum(stage["env_steps"] for stage in stages),
             "seconds": round(sum(stage["seconds"] for stage in stages), 1),
-            "preferences": self.run.config.queries,
+            # Of DRLHP's, the last few fall due when no episode ends any more.
+            "preferences": found.get("answers", self.run.config.queries),
             "before": sum(stage["env_steps"] for stage in stages[1:]),
             "curve": found["curve"],
         }

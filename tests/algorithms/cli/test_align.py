@@ -64,6 +64,13 @@ def test_every_command_leaves_what_the_next_one_needs(
     assert run("watch", "--run", aligned, "--out", tmp_path / "episode.gif") == 0
 
 
+def test_a_policy_for_all_weights_is_not_measured_but_aligned(covered: Path, capsys: Capture) -> None:
+    for command in (("evaluate",), ("watch", "--out", covered / "episode.gif")):
+        assert refusal(capsys, *command, "--run", covered) == (
+            f"{covered} has a policy for all weights; moral align --covered {covered} makes one of it"
+        )
+
+
 def test_the_same_seed_gives_the_same_result(
     stages: Stages, covered: Path, aligned: Path, tmp_path: Path
 ) -> None:

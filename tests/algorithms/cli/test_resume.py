@@ -342,3 +342,22 @@ def test_a_damaged_summary_takes_one_line(stages: Stages, tmp_path: Path, capsys
     (out / "summary.json").write_text("{}")
     message = refusal(capsys, "train", "--resume", "--out", out)
     assert message == f"{out / 'summary.json'} is damaged: it is not the summary of a run of moral train"
+
+
+def test_without_a_damaged_checkpoint_the_answers_are_enough(
+    stages: Stages, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "moral"
+    shutil.copytree(stages.moral, out)
+    (out / "summary.json").unlink()
+    checkpoint = out / "checkpoint.safetensors"
+    checkpoint.write_bytes(checkpoint.read_bytes()[:100])
+    capsys.readouterr()
+    assert run("train", "--resume", "--out", out) == 2
+    message = only_line(capsys.readouterr().err, "moral: error: ")
+    assert "without that file the run begins anew, with the answers that were given" in message
+    checkpoint.unlink()
+    answers = (out / "queries.jsonl").read_bytes()
+    assert run("train", "--resume", "--out", out) == 0
+    assert (out / "queries.jsonl").read_bytes() == answers
+    require_same_result(out, stages.moral)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import statistics
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.evaluation import play_episodes
 from moral_algorithms.learners.ppo import sampling_seed
 from moral_algorithms.networks.files import load_conditioned_policy, load_policy, load_reward
-from moral_algorithms.pipeline import evaluate, spawn_seeds
+from moral_algorithms.pipeline import CoverRun, MoralRun, evaluate, spawn_seeds
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.worlds import WorldSpec
 from tests.algorithms.cli.commands import AIRL, DEMONSTRATE, EXPERT, RULES, TRAIN, contents, ppo, run
@@ -120,6 +121,37 @@ def test_an_evaluation_is_seeded_and_set_beside_the_optimum(
     assert first["optimum"]["people_saved"] >= first["objectives"]["people_saved"]
     assert first["objectives"].keys() == first["standard_errors"].keys() == {"goal_time", "people_saved"}
     assert all(error > 0 for error in first["standard_errors"].values())
+
+
+def test_an_agent_is_not_measured_on_the_starts_of_the_demonstrations(
+    stages: Stages, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = []
+
+    def watched(*arguments: Any) -> Any:
+        found = evaluate(*arguments)
+        measured.append(found.starts)
+        return found
+
+    monkeypatch.setattr(pipeline, "evaluate", watched)
+    assert run("evaluate", "--run", stages.expert, "--episodes", "4") == 0
+    demonstrated = Demonstrations.load(stages.demonstrations).states[:, 0]
+    assert measured[0].shape == demonstrated.shape
+    assert not (measured[0] == demonstrated).all(axis=(1, 2, 3)).all()
+
+
+@pytest.mark.parametrize(("world", "steps"), [("emergency", 150_000), ("delivery", 1_000_000)])
+def test_primary_components_are_normalised_as_suits_the_world(
+    world: str, steps: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for make in (MoralRun, CoverRun):
+        assert make(rewards=(), world=WorldSpec(world)).normaliser.max_steps == steps
+    for command in ("train", "live", "cover"):
+        capsys.readouterr()
+        with pytest.raises(SystemExit):
+            run(command, "--world", world, "--help")
+        _, shown = capsys.readouterr().out.split("--normaliser.max-steps", 1)
+        assert f"(default: {steps})" in shown.split("--normaliser", 1)[0]
 
 
 def test_one_episode_has_no_standard_error(stages: Stages, capsys: pytest.CaptureFixture[str]) -> None:

@@ -251,7 +251,7 @@ def test_returns_are_sums_over_an_episode() -> None:
         ({"discriminator_learning_rate": 0.0}, "discriminator_learning_rate is 0.0; it must be positive"),
         (
             {"discriminator_weight_decay": -1.0},
-            "discriminator_weight_decay is -1.0; it must not be negative",
+            "discriminator_weight_decay is -1.0; it must be finite and not negative",
         ),
         ({"averaging": 1.0}, "averaging is 1.0; it must be at least 0 and below 1"),
     ],

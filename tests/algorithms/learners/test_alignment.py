@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -139,8 +140,14 @@ def test_damaged_answers_are_refused(policy: ConditionedPolicy, tmp_path: Path) 
         ({"queries": -1}, "queries is -1; it must be at least 0"),
         ({"lapse": 1.0}, "lapse is 1.0; it must be at least 0 and below 1"),
         (
-            {"prior": "ball", "likelihood": "exponential", "lapse": 0.1},
+            {"prior": "ball", "concentration": 1.0, "likelihood": "exponential", "lapse": 0.1},
             "lapse is 0.1; it must be 0 with",
+        ),
+        ({"prior": "ball", "concentration": 5.0}, "concentration is 5.0; it must be 1 with the ball prior"),
+        ({"rationality": 3.0}, "rationality is 3.0; it belongs to the ball prior, the other infers it"),
+        (
+            {"prior": "ball", "concentration": 1.0, "rationality": math.inf},
+            "rationality is inf; it must be pos",
         ),
         ({"centred": 0.0}, "centred is 0.0; it must be above 0 and at most 1"),
         ({"concentration": 0.5}, "concentration is 0.5; it must be at least 1 and finite"),

@@ -95,6 +95,19 @@ def run(
     )
 
 
+@pytest.mark.parametrize("steps", [1280, 1281, 1300])
+def test_all_queries_are_asked_by_the_last_rollout(steps: int, tmp_path: Path) -> None:
+    result = run(tmp_path, Recorder(), config(steps=steps, query_span=1.0))
+    assert result.queries.count(b"\n") == 4
+
+
+def test_a_training_without_whole_episodes_before_its_end_is_refused(tmp_path: Path) -> None:
+    assert run(tmp_path / "one", Recorder(), config(steps=65, queries=1)).queries.count(b"\n") == 1
+    with pytest.raises(ValueError, match=r"^steps is 64; it must be at least 65, for queries compare whole"):
+        run(tmp_path / "two", Recorder(), config(steps=64, queries=1))
+    assert run(tmp_path / "three", Recorder(), config(steps=64, queries=0)).queries == b""
+
+
 def require_equal(got: Result, expected: Result) -> None:
     for name in ("weights", "env_steps", "queries", "metrics", "metadata"):
         assert getattr(got, name) == getattr(expected, name), name

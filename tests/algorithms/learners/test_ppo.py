@@ -236,8 +236,10 @@ def test_tensorboard_files_are_written_on_request(tmp_path: Path) -> None:
         ({"gae_lambda": -0.1}, "gae_lambda is -0.1"),
         ({"learning_rate": 0.0}, "learning_rate is 0.0; it must be positive"),
         ({"clip_range": float("nan")}, "clip_range is nan"),
-        ({"entropy_start": -1.0}, "entropy_start is -1.0; it must not be negative"),
+        ({"entropy_start": -1.0}, "entropy_start is -1.0; it must be finite and not negative"),
         ({"entropy_end": float("nan")}, "entropy_end is nan"),
+        ({"learning_rate": float("inf")}, "learning_rate is inf; it must be positive and finite"),
+        ({"entropy_start": float("inf")}, "entropy_start is inf; it must be finite"),
     ],
 )
 def test_impossible_configurations_are_refused(changes: dict[str, Any], message: str) -> None:

@@ -198,7 +198,7 @@ def test_disagreement_is_the_variance_of_the_probability() -> None:
         ({"batch_size": 0}, "batch_size is 0"),
         ({"lapse": 1.0}, "lapse is 1.0; it must be at least 0 and below 1"),
         ({"learning_rate": 0.0}, "learning_rate is 0.0; it must be positive"),
-        ({"weight_decay": -1.0}, "weight_decay is -1.0; it must not be negative"),
+        ({"weight_decay": -1.0}, "weight_decay is -1.0; it must be finite and not negative"),
     ],
 )
 def test_impossible_configurations_are_refused(changes: dict[str, Any], message: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +13,11 @@ from tyro.conf import arg
 from moral_algorithms import pipeline
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
+from moral_algorithms.cli.worlds import find_world
 from moral_algorithms.learners.covering import CoveringConfig
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.pipeline import CoverRun
 from moral_algorithms.run_directory import RunDirectory
-from moral_algorithms.storage import StorageError
 
 
 @dataclass(frozen=True)
@@ -58,16 +57,7 @@ class Command(BaseCommand):
     @classmethod
     def defaults(cls, options: Sequence[str]) -> Command | None:
         """Find what suits the world."""
-        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-        parser.add_argument("--world", nargs="?")
-        parser.add_argument("--rewards", type=Path, nargs="*", default=[])
-        early, _ = parser.parse_known_args(list(options))
-        try:
-            world = early.world or pipeline.choose_world(None, {}, tuple(early.rewards)).name
-        except StorageError:
-            # The command itself says so.
-            return None
-        return cls(MISSING, normaliser=pipeline.normaliser_config(world))
+        return cls(MISSING, normaliser=pipeline.normaliser_config(find_world(options)))
 
     @property
     def hint(self) -> str:

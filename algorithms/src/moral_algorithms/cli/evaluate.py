@@ -43,7 +43,9 @@ class Command(BaseCommand):
         from moral_algorithms.networks.files import load_policy
 
         policy, world = load_policy(pipeline.find_policy(self.run), self.machine.prepare())
-        found = pipeline.evaluate(policy, world, self.episodes, self.seed, self.deterministic)
+        # Not the starts that the other commands draw from the same seed: those the agent has learned from.
+        (seed,) = pipeline.spawn_seeds(self.seed, 1)
+        found = pipeline.evaluate(policy, world, self.episodes, seed, self.deterministic)
         if self.json:
             result = {
                 "episodes": self.episodes,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from tyro import MISSING
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
@@ -15,6 +16,7 @@ from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
 from moral_algorithms.cli.people import Answering, People, ask_people
 from moral_algorithms.cli.resuming import find_resumed, going_on, saved_answers
+from moral_algorithms.cli.worlds import find_world
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.learners.moral import MoralConfig
 from moral_algorithms.pipeline import MoralRun, TeacherConfig
@@ -58,7 +60,7 @@ class Command(BaseCommand):
     """Seed of everything random."""
     config: Annotated[MoralConfig, arg(name="")] = field(default_factory=MoralConfig)
     normaliser: ExpertConfig = field(default_factory=pipeline.normaliser_config)
-    """How the policies are trained that pursue one primary component alone."""
+    """How the policies are trained that pursue one primary component alone; the defaults are the world's."""
     returns: dict[str, float] = field(default_factory=dict)
     """Returns of such policies that are known already, such as extinguish 7.4: these are not trained."""
     machine: Annotated[Machine, arg(name="")] = field(default_factory=Machine)
@@ -67,10 +69,10 @@ class Command(BaseCommand):
 
     @classmethod
     def defaults(cls, options: Sequence[str]) -> Command | None:
-        """When resumed, what the run was started with."""
+        """Find what the run was started with when it is resumed, else what suits the world."""
         resumed = find_resumed(options, _KIND)
         if resumed is None:
-            return None
+            return cls(MISSING, normaliser=pipeline.normaliser_config(find_world(options)))
         run = pipeline.read_moral_run(resumed.directory)
         return cls(
             out=resumed.directory.path,

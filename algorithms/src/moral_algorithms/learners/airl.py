@@ -13,6 +13,7 @@ reward.
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -77,12 +78,12 @@ class AIRLConfig:
         for name in ("steps", "discriminator_updates", "discriminator_batch", "normaliser_episodes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
-        if not self.discriminator_learning_rate > 0:
+        if not 0 < self.discriminator_learning_rate < math.inf:
             rate = self.discriminator_learning_rate
-            raise ValueError(f"discriminator_learning_rate is {rate}; it must be positive")
-        if not self.discriminator_weight_decay >= 0:
+            raise ValueError(f"discriminator_learning_rate is {rate}; it must be positive and finite")
+        if not 0 <= self.discriminator_weight_decay < math.inf:
             decay = self.discriminator_weight_decay
-            raise ValueError(f"discriminator_weight_decay is {decay}; it must not be negative")
+            raise ValueError(f"discriminator_weight_decay is {decay}; it must be finite and not negative")
         if not 0 <= self.averaging < 1:
             raise ValueError(f"averaging is {self.averaging}; it must be at least 0 and below 1")
 

@@ -142,8 +142,9 @@ def solve(
     world
         Where it acts; its episodes must all take the same number of steps.
     components
-        The reward vector, normalised so that the return of a policy that pursues one component alone is about
-        one; otherwise the weights that matter depend on the components' scales.
+        The reward vector, normalised (eq. 5.2): the return of a policy that pursues one component alone is
+        about one for a primary component, and about minus one for a learned one. Otherwise the weights that
+        matter depend on the components' scales.
     weights
         Scalarisation weights, shape (d,), not negative and not all zero.
     config

@@ -158,8 +158,8 @@ def train_covering(
     world
         Where it acts.
     components
-        The reward vector, normalised so that the return of a policy that pursues one component alone is about
-        one.
+        The reward vector, normalised (eq. 5.2): the return of a policy that pursues one component alone is
+        about one for a primary component, and about minus one for a learned one.
     config
         How it is trained.
     seed

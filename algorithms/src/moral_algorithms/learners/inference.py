@@ -33,6 +33,9 @@ LIKELIHOODS: dict[str, Callable[[float, float], Likelihood]] = {
 """Likelihoods of a preference by name, made from a rationality and a lapse rate."""
 
 
+_RATIONALITY = 20.0
+
+
 @dataclass(frozen=True)
 class InferenceConfig:
     """How many queries there are, how they are chosen and what is learned from the answers."""
@@ -50,7 +53,7 @@ class InferenceConfig:
     has none."""
     likelihood: str = "bradley_terry"
     """Likelihood of an answer: bradley_terry (eq. 4.1) or exponential (eq. 4.12)."""
-    rationality: float = 20.0
+    rationality: float = _RATIONALITY
     """Scale of the likelihood on returns of order one under the ball prior; the other prior infers it."""
     lapse: float = 0.0
     """Share of the answers that the bradley_terry likelihood takes to be random."""
@@ -72,12 +75,18 @@ class InferenceConfig:
         for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it must be one of {known}")
-        if not self.rationality > 0:
-            raise ValueError(f"rationality is {self.rationality}; it must be positive")
+        if not (math.isfinite(self.rationality) and self.rationality > 0):
+            raise ValueError(f"rationality is {self.rationality}; it must be positive and finite")
         if not 0 <= self.lapse < 1:
             raise ValueError(f"lapse is {self.lapse}; it must be at least 0 and below 1")
         if not (math.isfinite(self.concentration) and self.concentration >= 1):
             raise ValueError(f"concentration is {self.concentration}; it must be at least 1 and finite")
+        if self.prior == "ball" and self.concentration != 1:
+            raise ValueError(f"concentration is {self.concentration}; it must be 1 with the ball prior")
+        if self.prior == "rationality" and self.rationality != _RATIONALITY:
+            raise ValueError(
+                f"rationality is {self.rationality}; it belongs to the ball prior, the other infers it"
+            )
         if self.likelihood == "exponential" and self.prior != "ball":
             raise ValueError(
                 f"prior is {self.prior!r}; it must be 'ball' with the exponential likelihood, which tells "

@@ -104,8 +104,8 @@ def train_moral(
     world
         Where it acts.
     components
-        The reward vector, normalised so that the return of a policy that pursues one component alone is about
-        one.
+        The reward vector, normalised (eq. 5.2): the return of a policy that pursues one component alone is
+        about one for a primary component, and about minus one for a learned one.
     teacher
         Answers the queries; if it is people, training goes on for as long as they take. Recorded answers are
         used instead of any question.
@@ -127,6 +127,8 @@ def train_moral(
 
     Raises
     ------
+    ValueError
+        If there are too few steps for a query.
     StorageError
         If something cannot be written, what is to be continued is damaged, or a run has left a checkpoint or
         queries in the directory and ``resume`` is False.
@@ -134,6 +136,13 @@ def train_moral(
     if not resume:
         require_unstarted(directory)
     built = world.build()
+    last_asked = _last_rollout(config)
+    if config.queries and not built.ends_early and last_asked < built.horizon * config.ppo.num_envs:
+        least = built.horizon * config.ppo.num_envs + 1
+        raise ValueError(
+            f"steps is {config.steps}; it must be at least {least}, for queries compare whole episodes of "
+            f"{config.ppo.num_envs} environments, and what is learned from them needs a rollout more"
+        )
     ppo_seed, posterior_seed, candidate_seed = spawn_seeds(seed, 3)
     engine = EngineVecEnv(built, config.ppo.num_envs, seed=ppo_seed)
     posterior = make_posterior(config, len(components), np.random.default_rng(posterior_seed))
@@ -148,9 +157,10 @@ def train_moral(
     elif isinstance(teacher, RecordedAnswers):
         replays = [replay for answer in teacher.answers for replay in answer.asked.episodes]
         returns = vector_returns(built, components, replays).reshape(-1, 2, len(components))
-        asker = RecordedAsker(teacher, returns, posterior, config.query_span * config.steps)
+        asker = RecordedAsker(teacher, returns, posterior, min(config.query_span * config.steps, last_asked))
     else:
-        span = config.query_span * config.steps
+        # The last query is due before the last rollout at the latest: nobody asks after it.
+        span = min(config.query_span * config.steps, last_asked)
         asker = TeacherAsker(teacher, chooser, posterior, span, config.queries, directory.queries)
     learner = PreferenceLearner(venv, posterior, asker, config.checkpoint_every, directory, monitor)
     asker.read()
@@ -164,6 +174,12 @@ def train_moral(
         learn(model, config.steps, [schedule, *common])
     learner.save(model)
     return AlignedAgent(model.policy, posterior.weights(), model.num_timesteps)
+
+
+def _last_rollout(config: MoralConfig) -> int:
+    """Count the environment steps before the last rollout."""
+    rollout = config.ppo.num_envs * config.ppo.rollout_steps
+    return (config.steps - 1) // rollout * rollout
 
 
 class PreferenceLearner(ResumableLearner):

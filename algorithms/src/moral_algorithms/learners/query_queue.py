@@ -28,7 +28,7 @@ from moral_algorithms.run_directory import RunDirectory
 
 ENOUGH = 0.01
 """Expected regret below which another answer would change little: a hundredth of what a policy earns that
-pursues one component alone."""
+pursues one primary component alone."""
 
 # Queries that are open at a time.
 _OPEN = 3

@@ -70,7 +70,12 @@ class ResumableLearner(BaseCallback):
         """
         repair_lines(self._directory.metrics)
         if self._directory.checkpoint.exists():
-            self._load_checkpoint(model)
+            try:
+                self._load_checkpoint(model)
+            except StorageError as error:
+                raise StorageError(
+                    f"{error}; without that file the run begins anew, with the answers that were given"
+                ) from error
         # Training goes through the rollouts after the checkpoint once more, and writes their lines again.
         lines = read_lines(self._directory.metrics)
         kept = [line for line in lines if line["env_steps"] <= model.num_timesteps + self._steps_before]

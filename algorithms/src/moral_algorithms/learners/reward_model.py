@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,10 +52,10 @@ class RewardModelConfig:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be at least {minimum}")
         if not 0 <= self.lapse < 1:
             raise ValueError(f"lapse is {self.lapse}; it must be at least 0 and below 1")
-        if not self.learning_rate > 0:
-            raise ValueError(f"learning_rate is {self.learning_rate}; it must be positive")
-        if not self.weight_decay >= 0:
-            raise ValueError(f"weight_decay is {self.weight_decay}; it must not be negative")
+        if not 0 < self.learning_rate < math.inf:
+            raise ValueError(f"learning_rate is {self.learning_rate}; it must be positive and finite")
+        if not 0 <= self.weight_decay < math.inf:
+            raise ValueError(f"weight_decay is {self.weight_decay}; it must be finite and not negative")
 
 
 def preference_loss(differences: torch.Tensor, targets: torch.Tensor, lapse: float) -> torch.Tensor:

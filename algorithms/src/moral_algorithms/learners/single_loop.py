@@ -42,7 +42,8 @@ def train_single_loop(
         Weight of the demonstrations, from 0 to 1: lambda in eq. 2, one minus the thesis's.
     config
         How AIRL trains. Its entropy bonus stands for ``-log pi`` and is multiplied with the imitation weight,
-        as the equation has it.
+        as in the equation. That is a heuristic: PPO sees rewards in units of their spread, and the bonus is
+        in none.
     seed
         Entropy of environments, networks, batches and actions.
     device

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -57,10 +57,15 @@ class MoralRun:
     """Entropy of all of it."""
     config: MoralConfig = field(default_factory=MoralConfig)
     """How MORAL trains and asks."""
-    normaliser: ExpertConfig = field(default_factory=normaliser_config)
-    """How the policies are trained that pursue one primary component alone; their returns normalise it."""
+    normaliser: ExpertConfig = None  # type: ignore[assignment]
+    """How the policies are trained that pursue one primary component alone; their returns normalise it. By
+    default as suits the world."""
     returns: dict[str, float] = field(default_factory=dict)
     """Such returns that are known already, by component; for these no policy is trained."""
+
+    def __post_init__(self) -> None:
+        if cast("ExpertConfig | None", self.normaliser) is None:
+            object.__setattr__(self, "normaliser", normaliser_config(self.world.name))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for :meth:`from_json`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -51,10 +51,15 @@ class CoverRun:
     """Entropy of all of it."""
     config: CoveringConfig = field(default_factory=CoveringConfig)
     """How it is trained."""
-    normaliser: ExpertConfig = field(default_factory=normaliser_config)
-    """How the policies are trained that pursue one primary component alone; their returns normalise it."""
+    normaliser: ExpertConfig = None  # type: ignore[assignment]
+    """How the policies are trained that pursue one primary component alone; their returns normalise it. By
+    default as suits the world."""
     returns: dict[str, float] = field(default_factory=dict)
     """Such returns that are known already, by component; for these no policy is trained."""
+
+    def __post_init__(self) -> None:
+        if cast("ExpertConfig | None", self.normaliser) is None:
+            object.__setattr__(self, "normaliser", normaliser_config(self.world.name))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for :meth:`from_json`."""

@@ -86,6 +86,8 @@ def find_policy(run: Path) -> Path:
     for path in (run / "policy.safetensors", run / "moral" / "policy.safetensors"):
         if path.exists():
             return path
+    if (run / "covering.safetensors").exists():
+        raise StorageError(f"{run} has a policy for all weights; moral align --covered {run} makes one of it")
     if (run / "config.json").exists():
         raise StorageError(f"the run in {run} is not finished: it has no policy yet")
     raise StorageError(f"{run} is no run directory: it has no policy.safetensors")

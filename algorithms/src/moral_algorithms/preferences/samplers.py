@@ -82,6 +82,9 @@ def metropolis(
 ) -> FloatArray:
     """Random walk Metropolis from beside v = 0, the mode of the thesis's proxy (eq. 4.6 to 4.8).
 
+    A prior whose mass is far from there, such as the rationality prior's under consistent answers, takes a
+    longer warm-up: directions settle early, the length of v late. Hit-and-run has no such trouble.
+
     Several chains run side by side, and `start` gives no more than their number and first sigma. The proposal
     is N(v, sigma**2 I). During the warm-up sigma follows the acceptance rate of all chains towards 0.3, near
     the random walk's optimum (Roberts, Gelman and Gilks 1997): any constant is too wide once the answers add

@@ -1,0 +1,23 @@
+"""Which world the options of a command are about: it decides about some of their defaults."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from moral_algorithms import pipeline
+from moral_algorithms.storage import StorageError
+
+
+def find_world(options: Sequence[str]) -> str:
+    """Find the name of the world of a reward vector, before the options are read; emergency in doubt."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--world", nargs="?")
+    parser.add_argument("--rewards", type=Path, nargs="*", default=[])
+    early, _ = parser.parse_known_args(list(options))
+    try:
+        return str(early.world or pipeline.choose_world(None, {}, tuple(early.rewards)).name)
+    except StorageError:
+        # The command itself says so.
+        return "emergency"

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from moral_envs.arguments import require_bool, require_integer
 from moral_envs.outcomes import FIRST_OBJECT, FREE, WALL, OutcomeTables
 from moral_envs.placement import Placer
-from moral_envs.streams import draw_integers, spawn_streams
+from moral_envs.streams import draw_integers, seed_unseeded, spawn_streams
 from moral_envs.world import NUM_ACTIONS, NUM_MOVES, World
 
 MAX_AGENTS = 16
@@ -233,10 +233,7 @@ class Engine:
         mask
             bool array of shape (n_envs,).
         """
-        unseeded = self._unseeded if mask is None else self._unseeded & mask
-        if unseeded.any():
-            self._streams[unseeded] = spawn_streams(seed, self.num_envs)[unseeded]
-            self._unseeded[unseeded] = False
+        seed_unseeded(self._streams, self._unseeded, seed, mask)
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Start new episodes in all environments, or in those in ``mask``, from their own streams.

@@ -81,7 +81,7 @@ from moral_envs.arguments import as_integer, is_finite, require_integer
 from moral_envs.diagram import STATE_NAMES, draw_ansi, draw_rgb
 from moral_envs.faces.common import Frame, of_agent, require_render_mode
 from moral_envs.faces.resets import Seeds, known_seed, require_mask, require_streams
-from moral_envs.streams import draw_integers, spawn_streams
+from moral_envs.streams import draw_integers, seed_unseeded, spawn_streams
 
 __all__ = ["env", "parallel_env", "single_env", "success_probability", "vector_env"]
 
@@ -202,10 +202,7 @@ class _Decisions:
 
     def seed_unseeded(self, seed: int | None, mask: NDArray[np.bool_] | None = None) -> None:
         """Seed those environments that have never been seeded, when an episode starts: copies then differ."""
-        unseeded = self._unseeded if mask is None else self._unseeded & mask
-        if unseeded.any():
-            self._streams[unseeded] = spawn_streams(seed, self.num_envs)[unseeded]
-            self._unseeded[unseeded] = False
+        seed_unseeded(self._streams, self._unseeded, seed, mask)
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Go back to the start in all environments, or in those in ``mask``."""

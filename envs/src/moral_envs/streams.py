@@ -46,6 +46,28 @@ def spawn_streams(seed: int | None, count: int) -> NDArray[np.uint64]:
     return np.array([child.generate_state(1, np.uint64)[0] for child in children], dtype=np.uint64)
 
 
+def seed_unseeded(
+    states: NDArray[np.uint64], unseeded: NDArray[np.bool_], seed: int | None, mask: NDArray[np.bool_] | None
+) -> None:
+    """Give streams spawned from ``seed`` to those environments, in ``mask``, that have never been seeded.
+
+    Parameters
+    ----------
+    states
+        uint64 array of shape (n,), changed in place.
+    unseeded
+        Which have never been seeded, bool of shape (n,), changed in place.
+    seed
+        As for :func:`spawn_streams`.
+    mask
+        bool array of shape (n,); None: all.
+    """
+    chosen = unseeded if mask is None else unseeded & mask
+    if chosen.any():
+        states[chosen] = spawn_streams(seed, len(states))[chosen]
+        unseeded[chosen] = False
+
+
 def draw_integers(states: NDArray[np.uint64], bounds: NDArray[np.uint64]) -> NDArray[np.int64]:
     """Draw integers from every stream and advance the states in place.
 

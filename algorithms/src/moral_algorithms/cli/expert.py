@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from tyro.conf import arg
 from moral_algorithms import pipeline
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
+from moral_algorithms.cli.worlds import find_world
 from moral_algorithms.learners.expert import ExpertConfig
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.worlds import WorldSpec
@@ -45,10 +45,7 @@ class Command(BaseCommand):
     @classmethod
     def defaults(cls, options: Sequence[str]) -> Command | None:
         """Find what suits the world."""
-        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-        parser.add_argument("--world", nargs="?", default=cls.world)
-        world = parser.parse_known_args(list(options))[0].world
-        return cls(MISSING, MISSING, config=pipeline.expert_config(world))
+        return cls(MISSING, MISSING, config=pipeline.expert_config(find_world(options)))
 
     @property
     def hint(self) -> str:

@@ -11,7 +11,10 @@ from moral_algorithms.storage import StorageError
 
 
 def find_world(options: Sequence[str]) -> str:
-    """Find the name of the world of a reward vector, before the options are read; emergency in doubt."""
+    """Find the name of the world, given or that of the first reward, before the options are read.
+
+    Where there is none, or it cannot be read, it is emergency.
+    """
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--world", nargs="?")
     parser.add_argument("--rewards", type=Path, nargs="*", default=[])

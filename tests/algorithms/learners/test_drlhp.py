@@ -448,6 +448,18 @@ def test_every_query_gets_its_time(schedule: str, queries: int) -> None:
         assert ratio == pytest.approx(0.975 / 0.125 if schedule == "decaying" else 1, rel=0.1)
 
 
+def test_no_query_falls_due_when_no_episode_ends_any_more(tmp_path: Path) -> None:
+    # Episodes end after every other rollout of 32. Of 672 steps, the last 32 are of episodes that never end.
+    settings = config(
+        steps=736, query_span=1.0, ppo=ppo_config(num_envs=8, rollout_steps=4, batch_size=32, epochs=1)
+    )
+    run(tmp_path, Recorder(), settings)
+    asked = read_lines(tmp_path / "queries.jsonl")
+    assert len(asked) == 12
+    # After those of the untrained policy.
+    assert asked[-1]["env_steps"] == 64 + 640
+
+
 @pytest.mark.parametrize("world", ["emergency", "delivery"])
 def test_the_preset_paper_has_the_settings_of_the_thesis(world: str) -> None:
     spec = WorldSpec(world)

@@ -105,7 +105,7 @@ class DRLHPConfig:
         return round(self.initial_share * self.queries)
 
     def due_queries(self, progress: float) -> int:
-        """How many queries should have been asked after a part of the training, 0 to 1."""
+        """How many queries should have been asked after a part of the time in which one can, from 0 on."""
         done = min(progress / self.query_span, 1.0)
         if self.schedule == "decaying":
             # The integral of 1 / (0.1 + t), so that it is 1 at the end.
@@ -320,6 +320,11 @@ class RewardLearner(ResumableLearner):
             maxlen=math.ceil(world.horizon / config.ppo.rollout_steps)
         )
         self._rollouts = 0
+        training_steps = config.steps - untrained_steps(config, world)
+        # Episodes end together, and after the last end there is none to ask about.
+        round_steps = config.ppo.num_envs * world.horizon
+        self._training_steps = training_steps
+        self._asking_steps = training_steps // round_steps * round_steps or training_steps
 
     @property
     def _env_steps(self) -> int:
@@ -372,14 +377,14 @@ class RewardLearner(ResumableLearner):
 
     def _on_rollout_end(self) -> None:
         assert isinstance(self.model, PPO)
-        progress = self.num_timesteps / (self._config.steps - self._steps_before)
-        due = self._config.due_queries(progress) - self._interview.num_answers
+        asked = self._config.due_queries(self.num_timesteps / self._asking_steps)
+        due = asked - self._interview.num_answers
         if due > 0 and len(self._recent) > 1:
             self._interview.ask(list(self._recent), due, self._env_steps)
             self._monitor.queries = self._interview.num_answers
             # The next ones are about other episodes.
             self._recent.clear()
-        self._reward.train(self._config.reward.updates, 1 - progress)
+        self._reward.train(self._config.reward.updates, 1 - self.num_timesteps / self._training_steps)
         buffer = self.model.rollout_buffer
         states = buffer.observations.reshape(-1, *buffer.observations.shape[2:])
         # Evenly over time and environments, without a draw.

@@ -15,7 +15,7 @@ def provenance(started: float) -> dict[str, Any]:
     return {
         "versions": versions(),
         "commit": commit(),
-        "platform": platform.platform(),
+        "platform": f"{platform.system()} {platform.machine()}",
         "processor": processor(),
         "duration_seconds": round(time.perf_counter() - started, 1),
     }

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from moral_algorithms.storage import write_json
+from moral_algorithms.storage import read_json, write_json
 
 
 def finished_runs(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
@@ -22,7 +21,7 @@ def finished_runs(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
     """
     if not path.exists():
         return []
-    stored = json.loads(path.read_text())
+    stored = read_json(path)
     same = all(stored.get(name) == value for name, value in settings.items())
     return list(stored["runs"]) if same else []
 

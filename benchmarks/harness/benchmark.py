@@ -82,6 +82,8 @@ class Benchmark:
     """Compares results, as far as there are some, with claim and bar."""
     draw: Callable[[Results], Figure]
     """Draws results, as far as there are some."""
+    changed: str = ""
+    """What of the runs or of their judgement was changed after results of these seeds had been seen."""
 
 
 def verdict(checks: Sequence[Check]) -> Verdict:

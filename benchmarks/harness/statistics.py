@@ -66,16 +66,32 @@ def stratified_interval(
     return float(low), float(high)
 
 
-def mean_with_interval(groups: Sequence[Sequence[float]]) -> tuple[float, float, float]:
-    """Mean over all values of some groups, then low and high of its :func:`stratified_interval`."""
-    low, high = stratified_interval(groups, statistic=lambda values: float(values.mean()))
-    return float(np.concatenate([np.asarray(group) for group in groups]).mean()), low, high
+def mean_with_interval(by_seed: Sequence[Sequence[float]]) -> tuple[float, float, float]:
+    """Mean over the values of all seeds, and a 95 % bootstrap interval that resamples whole seeds.
+
+    Values of one seed may share a policy, and then tell little more than one of them does.
+
+    Parameters
+    ----------
+    by_seed
+        Values of each seed.
+
+    Returns
+    -------
+    mean, low, high
+    """
+    means = [float(np.mean(values)) for values in by_seed]
+    sizes = np.array([len(values) for values in by_seed])
+    drawn = np.random.default_rng(_SEED).integers(len(means), size=(_RESAMPLES, len(means)))
+    resampled = (np.array(means) * sizes)[drawn].sum(axis=1) / sizes[drawn].sum(axis=1)
+    low, high = np.quantile(resampled, [0.025, 0.975])
+    return float(np.average(means, weights=sizes)), float(low), float(high)
 
 
-def write_mean(groups: Sequence[Sequence[float]]) -> str:
-    """Write what :func:`mean_with_interval` finds."""
-    mean, low, high = mean_with_interval(groups)
-    return f"{mean:.4f}, 95 % interval {low:.4f} to {high:.4f}"
+def write_mean(by_seed: Sequence[Sequence[float]]) -> str:
+    """Write the mean over the values of all seeds, and that of each seed."""
+    means = ", ".join(f"{np.mean(values):.4f}" for values in by_seed)
+    return f"{mean_with_interval(by_seed)[0]:.4f} (seeds: {means})"
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:

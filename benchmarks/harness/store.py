@@ -17,6 +17,17 @@ from moral_algorithms.storage import StorageError, read_json, write_json
 _BEGUN = "begun.json"
 _RECORD = "record.json"
 
+_FIELDS: dict[str, type | tuple[type, ...]] = {
+    "configuration": dict,
+    "result": dict,
+    "versions": dict,
+    "commit": (str, type(None)),
+    "platform": str,
+    "processor": str,
+    "duration_seconds": (int, float),
+}
+"""What a record must hold, and of which type."""
+
 
 class Store:
     """A folder of records, and of the files that runs leave for each other.
@@ -133,8 +144,8 @@ class Store:
         """Carry out a run whose needs are met, and keep its record.
 
         Nothing is done if it turns out to be complete. What another attempt at the same configuration has
-        left in its folder is there for it to go on from. A record that is there already stays: this may be a
-        run whose files alone are missing.
+        left in its folder is there for it to go on from. Where files alone were missing, the record is
+        replaced: it tells of the files that are there.
 
         Parameters
         ----------
@@ -163,8 +174,7 @@ class Store:
             record = {**identity, **provenance(started), "commit": commit, "result": result}
             if run.leaves_files:
                 write_json(folder / _RECORD, record)
-        if self.record(run) is None:
-            write_json(self.record_path(run), record)
+        write_json(self.record_path(run), record)
         if not run.leaves_files:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -196,6 +206,8 @@ def _read_record(path: Path, run: Run) -> dict[str, Any] | None:
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror}") from error
     record = read_json(path)
-    if not isinstance(record, dict) or not {"configuration", "result", "duration_seconds"} <= record.keys():
+    if not isinstance(record, dict) or not all(
+        name in record and isinstance(record[name], kind) for name, kind in _FIELDS.items()
+    ):
         raise StorageError(f"{path} is damaged: it is no record of a run; remove it to do the run again")
     return record if agrees(record["configuration"], run.configuration()) else None

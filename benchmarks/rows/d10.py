@@ -95,4 +95,5 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="Other ratios were drawn first, and only how far apart the policies end was compared.",
 )

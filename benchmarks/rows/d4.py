@@ -165,4 +165,6 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="As for D3; then PPO that pays for vases was added, to tell their price from what is lost "
+    "otherwise.",
 )

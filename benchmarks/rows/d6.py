@@ -10,7 +10,14 @@ from matplotlib.figure import Figure
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import spread, write_mean
 from benchmarks.rows.drawing import panels
-from benchmarks.rows.ratios import ALL_RATIOS, collected, deviation, projections, three_rewards
+from benchmarks.rows.ratios import (
+    ALL_RATIOS,
+    collected,
+    deviation,
+    deviations_by_seed,
+    projections,
+    three_rewards,
+)
 from benchmarks.stages import Asked
 from benchmarks.stages.settings import seeds
 
@@ -26,17 +33,16 @@ def runs(profile: Profile) -> list[Run]:
 def judge(results: Results) -> list[Check]:
     """Compare divergences, totals and vases."""
     agents, points = collected(results)
-    groups: dict[tuple[float, ...], list[float]] = {}
-    for run, result in results.of(Asked):
-        groups.setdefault(tuple(run.teacher.ratio.values()), []).append(deviation(run, result))
-    deviations = [one for group in groups.values() for one in group]
+    by_seed = deviations_by_seed(results.of(Asked))
+    deviations = [one for values in by_seed for one in values]
+    ratios = {tuple(run.teacher.ratio.values()) for run in agents}
     totals = points[:, :3].sum(axis=1)
     shares = np.array([list(run.teacher.ratio.values()) for run in agents])
     shares /= shares.sum(axis=1, keepdims=True)
     return [
         Check(
             "the mean divergence from the wanted ratio is at most 0.01",
-            f"{write_mean(list(groups.values()))}, worst run {max(deviations):.4f}, {len(groups)} ratios",
+            f"{write_mean(by_seed)}, worst run {max(deviations):.4f}, {len(ratios)} ratios",
             bool(np.mean(deviations) <= 0.01),
             "ours",
         ),
@@ -92,4 +98,6 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="The normaliser's training, how queries are chosen, and the prior were chosen anew on "
+    "development seeds; the mean divergence was 0.0207 and the mean total 16.84 before.",
 )

@@ -11,11 +11,17 @@ from matplotlib.figure import Figure
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import write_mean
 from benchmarks.rows.drawing import BLUE, ORANGE, mean_intervals, panels
-from benchmarks.rows.ratios import ALL_RATIOS, deviation, three_rewards
+from benchmarks.rows.ratios import ALL_RATIOS, deviations_by_seed, three_rewards
 from benchmarks.stages import Asked
 from benchmarks.stages.settings import seeds
 
 QUERIES = (5, 10, 25, 50)
+
+_NINE = (
+    *((1, 1, 1), (3, 1, 1), (1, 3, 1), (1, 1, 3)),
+    *((1, 2, 3), (2, 3, 1), (3, 1, 2), (3, 3, 1), (1, 3, 3)),
+)
+"""The ratios of the first version of this study."""
 
 
 def study_runs(profile: Profile, queries: int, **changes: Any) -> list[Asked]:
@@ -44,11 +50,11 @@ def judge(results: Results) -> list[Check]:
     active, random = deviations(results)
     checks = []
     if 10 in active:
-        statement, reached = "10 active queries: mean divergence at most 0.02", _mean(active[10]) <= 0.02
-        checks.append(Check(statement, write_mean([active[10]]), reached, "ours"))
+        statement, reached = "10 active queries: mean divergence at most 0.02", mean(active[10]) <= 0.02
+        checks.append(Check(statement, f"{write_mean(active[10])}{_of_nine(results)}", reached, "ours"))
     for queries in (25, 50):
         if queries in active and queries in random:
-            ours, theirs = _mean(active[queries]), _mean(random[queries])
+            ours, theirs = mean(active[queries]), mean(random[queries])
             statement = f"{queries} active queries deviate less than half as much as random ones"
             checks.append(Check(statement, f"{ours:.4f} against {theirs:.4f}", ours < theirs / 2, "thesis"))
     return checks
@@ -67,19 +73,30 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def deviations(results: Results) -> tuple[dict[int, list[float]], dict[int, list[float]]]:
-    """Sort divergences by the number of queries, of active and of random ones, without noise."""
-    active: dict[int, list[float]] = {}
-    random: dict[int, list[float]] = {}
+def deviations(results: Results) -> tuple[dict[int, list[list[float]]], dict[int, list[list[float]]]]:
+    """Sort divergences by number of queries and by seed, of active and of random ones, without noise."""
+    found: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
     for run, result in results.of(Asked):
         if run.teacher.noise == 0:
-            found = random if run.config.acquisition == "random" else active
-            found.setdefault(run.config.queries, []).append(deviation(run, result))
+            by_queries = found[run.config.acquisition == "random"]
+            by_queries.setdefault(run.config.queries, []).append((run, result))
+    active, random = (
+        {queries: deviations_by_seed(agents) for queries, agents in by_queries.items()}
+        for by_queries in found
+    )
     return active, random
 
 
-def _mean(values: Any) -> float:
-    return float(np.mean(values))
+def _of_nine(results: Results) -> str:
+    """Write what ten active queries come to on the nine ratios alone that were taken first."""
+    chosen = [(run, one) for run, one in results.of(Asked) if tuple(run.teacher.ratio.values()) in _NINE]
+    active, _ = deviations(Results(chosen))
+    return f"; {mean(active[10]):.4f} on the nine ratios that were taken first" if 10 in active else ""
+
+
+def mean(by_seed: list[list[float]]) -> float:
+    """Mean of the values of all seeds."""
+    return float(np.mean([value for values in by_seed for value in values]))
 
 
 BENCHMARK = Benchmark(
@@ -92,4 +109,6 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="Nine of the ratios were taken first, which deviated by 0.0345 after 10 active queries. Then all "
+    "27 were taken, as in the thesis, and how sure the prior is was chosen anew on development seeds.",
 )

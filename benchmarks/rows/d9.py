@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import write_mean
-from benchmarks.rows.d8 import deviations, study_runs
+from benchmarks.rows.d8 import deviations, mean, study_runs
 from benchmarks.rows.drawing import BLUE, mean_intervals, panels
-from benchmarks.rows.ratios import deviation
+from benchmarks.rows.ratios import deviations_by_seed
 from benchmarks.stages import Asked
 
 _QUERIES = 50
@@ -34,16 +34,15 @@ def judge(results: Results) -> list[Check]:
     _, random = deviations(results)
     checks = []
     if 0.3 in by_noise:
-        mean = float(np.mean(by_noise[0.3]))
-        value = write_mean([by_noise[0.3]])
-        checks.append(Check("noise 0.3: mean divergence at most 0.03", value, mean <= 0.03, "ours"))
+        ours, value = mean(by_noise[0.3]), write_mean(by_noise[0.3])
+        checks.append(Check("noise 0.3: mean divergence at most 0.03", value, ours <= 0.03, "ours"))
         if random:
-            theirs = float(np.mean(random[max(random)]))
+            theirs = mean(random[max(random)])
             checks.append(
                 Check(
                     "active queries under noise 0.3 stay below random ones without noise",
-                    f"{mean:.4f} against {theirs:.4f}",
-                    mean < theirs,
+                    f"{ours:.4f} against {theirs:.4f}",
+                    ours < theirs,
                     "thesis",
                 )
             )
@@ -57,8 +56,7 @@ def draw(results: Results) -> Figure:
     mean_intervals(axes, list(by_noise), list(by_noise.values()), BLUE, "active")
     _, random = deviations(results)
     if random:
-        level = float(np.mean(random[max(random)]))
-        axes.axhline(level, color="0.5", linestyle="--", label="random, no noise")
+        axes.axhline(mean(random[max(random)]), color="0.5", linestyle="--", label="random, no noise")
     axes.set(
         xlabel="probability of a random answer", ylabel="KL divergence from the wanted ratio", ylim=(0, None)
     )
@@ -66,12 +64,13 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _by_noise(results: Results) -> dict[float, list[float]]:
-    found: dict[float, list[float]] = {}
+def _by_noise(results: Results) -> dict[float, list[list[float]]]:
+    """Find divergences by noise and by seed, of active queries."""
+    found: dict[float, list[Any]] = {}
     for run, result in results.of(Asked):
         if run.config.acquisition != "random":
-            found.setdefault(run.teacher.noise, []).append(deviation(run, result))
-    return dict(sorted(found.items()))
+            found.setdefault(run.teacher.noise, []).append((run, result))
+    return {noise: deviations_by_seed(agents) for noise, agents in sorted(found.items())}
 
 
 BENCHMARK = Benchmark(
@@ -84,4 +83,5 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="Nine of the ratios were taken first, which deviated by 0.0243; see D8.",
 )

@@ -35,22 +35,22 @@ def panels(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.6)
 
 
 def over_seeds(
-    axes: Axes, x: Sequence[float], groups: Sequence[Sequence[float]], colour: str, label: str, **marks: Any
+    axes: Axes, x: Sequence[float], groups: Sequence[Sequence[float]], colour: str, label: str
 ) -> None:
     """Draw means over seeds with standard deviations, and every seed as a small dot."""
     means = [float(np.mean(group)) for group in groups]
     deviations = [float(np.std(group, ddof=1)) if len(group) > 1 else 0.0 for group in groups]
-    style: dict[str, Any] = {"marker": "o", "markersize": 5, "capsize": 3, "linewidth": 1.4, **marks}
+    style: dict[str, Any] = {"marker": "o", "markersize": 5, "capsize": 3, "linewidth": 1.4}
     axes.errorbar(x, means, deviations, color=colour, label=label, zorder=3, **style)
     for place, group in zip(x, groups, strict=True):
         axes.plot([place] * len(group), group, ".", color=colour, alpha=0.45, markersize=4, zorder=2)
 
 
 def mean_intervals(
-    axes: Axes, x: Sequence[float], groups: Sequence[Sequence[float]], colour: str, label: str
+    axes: Axes, x: Sequence[float], groups: Sequence[Sequence[Sequence[float]]], colour: str, label: str
 ) -> None:
-    """Draw means of groups with their 95 % intervals."""
-    found = np.array([mean_with_interval([group]) for group in groups]).reshape(-1, 3)
+    """Draw means of groups, whose values are sorted by seed, with their 95 % intervals over seeds."""
+    found = np.array([mean_with_interval(by_seed) for by_seed in groups]).reshape(-1, 3)
     means = found[:, 0]
     errors = np.abs(found[:, 1:].T - means)
     axes.errorbar(x, means, errors, marker="o", capsize=3, color=colour, label=label)
@@ -97,14 +97,13 @@ def coloured_points(
     points: NDArray[np.float64],
     colours: NDArray[np.float64],
     label: str,
-    sizes: NDArray[np.float64] | float = 42.0,
 ) -> None:
     """Scatter points (n, 2) with a colour bar."""
     dots = axes.scatter(
         points[:, 0],
         points[:, 1],
         c=colours,
-        s=sizes,
+        s=42,
         cmap="viridis",
         edgecolors="white",
         linewidths=0.6,

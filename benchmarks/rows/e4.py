@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ from moral_envs.optimal import coverage_set, seeded_starts
 
 LAMBDAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 1.0)
 """Weights of the primary reward, closer together where people are given up for goal time."""
+
+_ADDED = (0.55, 0.6, 0.65)
+"""Those of them that were added when a gap in the front had been seen."""
 
 _AXES = ("goal_time", "people_saved")
 _ALL_SAVED = 5.9
@@ -55,6 +59,8 @@ def judge(results: Results) -> list[Check]:
     groups = _by_lambda(results)
     means = {weight: np.mean([place(one) for one in found], axis=0) for weight, found in groups.items()}
     saving_all = [weight for weight, (_, saved) in means.items() if saved >= _ALL_SAVED]
+    # At 0 and 1 one of the rewards is not paid at all.
+    mixed = [weight for weight in means if 0 < weight < 1]
     checks = []
     best = max(saving_all, key=lambda weight: means[weight][0], default=None)
     if best is None:
@@ -73,24 +79,25 @@ def judge(results: Results) -> list[Check]:
                 bool(means[best][0] >= 40),
                 "thesis",
             ),
-            Check(
-                "a higher lambda no longer saves everyone",
-                _beside(means, [weight for weight in means if weight > best][:1]),
-                any(means[weight][1] < _ALL_SAVED for weight in means if weight > best),
-                "thesis",
+            _first(
+                "a higher lambda, below 1, no longer saves everyone",
+                groups,
+                [weight for weight in mixed if weight > best],
+                lambda weight: means[weight][1] < _ALL_SAVED,
             ),
-            Check(
-                "a lower lambda loses much of the goal time (a quarter or more)",
-                _beside(means, [weight for weight in means if weight < best]),
-                any(means[weight][0] <= 0.75 * means[best][0] for weight in means if weight < best),
-                "thesis",
+            _first(
+                "a lower lambda, above 0, loses much of the goal time (a quarter or more)",
+                groups,
+                [weight for weight in reversed(mixed) if weight < best],
+                lambda weight: means[weight][0] <= 0.75 * means[best][0],
             ),
         ]
     ratios = _hypervolume_ratios(results)
+    fewer = _hypervolume_ratios(results, without=_ADDED)
     checks.append(
         Check(
             "the front spans at least 0.95 of the exact coverage set's hypervolume, for every seed",
-            spread(ratios, 3),
+            spread(ratios, 3) + (f"; without the lambdas added later {spread(fewer, 3)}" if fewer else ""),
             min(ratios) >= 0.95,
             "ours",
         )
@@ -137,11 +144,20 @@ def place(result: dict[str, Any]) -> tuple[float, float]:
     return goal_time, people_saved
 
 
-def _beside(means: dict[float, NDArray[np.float64]], weights: list[float]) -> str:
-    return "; ".join(
-        f"lambda {weight:g}: {means[weight][1]:.2f} saved, {means[weight][0]:.1f} goal steps"
-        for weight in weights
-    )
+def _first(
+    statement: str,
+    groups: dict[float, list[dict[str, Any]]],
+    weights: list[float],
+    changes: Callable[[float], bool],
+) -> Check:
+    """Look for the lambda nearest to the best one, of some in this order, at which the outcome changes."""
+    found = next((weight for weight in weights if changes(weight)), None)
+    if found is None:
+        tried = ", ".join(f"{weight:g}" for weight in weights)
+        return Check(statement, f"none of {tried}", False, "thesis")
+    goal, saved = zip(*(place(one) for one in groups[found]), strict=True)
+    value = f"lambda {found:g}: {spread(saved)} saved; {spread(goal)} goal steps"
+    return Check(statement, value, True, "thesis")
 
 
 def _unnormalised(weight: float, scales: dict[str, float]) -> float:
@@ -158,12 +174,13 @@ def exact_vertices(results: Results) -> NDArray[np.float64]:
     return coverage_set(starts, world.horizon).points
 
 
-def _hypervolume_ratios(results: Results) -> list[float]:
-    """Hypervolume of each seed's policies, as a part of the exact coverage set's."""
+def _hypervolume_ratios(results: Results, without: tuple[float, ...] = ()) -> list[float]:
+    """Hypervolume of each seed's policies, but for some lambdas, as a part of the exact coverage set's."""
     whole = hypervolume(exact_vertices(results), (0, 0))
     by_seed: dict[int, list[tuple[float, float]]] = {}
     for run, result in results.of(Weighted):
-        by_seed.setdefault(run.seed, []).append(place(result))
+        if run.weights[0] not in without:
+            by_seed.setdefault(run.seed, []).append(place(result))
     return [hypervolume(points, (0, 0)) / whole for points in by_seed.values()]
 
 
@@ -177,4 +194,5 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="Policies had 300,000 steps first, then as many as MORAL; lambdas 0.55, 0.6 and 0.65 were added.",
 )

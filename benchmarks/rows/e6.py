@@ -14,6 +14,7 @@ from benchmarks.rows.drawing import BLUE, ORANGE, panels
 from benchmarks.rows.e8 import moral
 from benchmarks.stages import Aligned
 from benchmarks.stages.settings import seeds
+from moral_algorithms.plotting import THESIS
 
 _SCALES = (1.0, 10.0)
 
@@ -35,7 +36,19 @@ def judge(results: Results) -> list[Check]:
     found = _sorted(results)
     checks = []
     if len(found) == 4:
-        losses = {asking: _utility(found[asking, 1.0]) - _utility(found[asking, 10.0]) for asking in _ASKING}
+        active, random = (np.mean(utilities(found[asking, 1.0])) for asking in _ASKING)
+        checks.append(
+            Check(
+                "on the usual scale both ways of asking do alike, to within 0.02 of what the teacher wants",
+                f"active {active:.3f}, random {random:.3f}",
+                bool(abs(active - random) <= 0.02),
+                "thesis",
+            )
+        )
+        losses = {
+            asking: float(np.mean(utilities(found[asking, 1.0])) - np.mean(utilities(found[asking, 10.0])))
+            for asking in _ASKING
+        }
         checks.append(
             Check(
                 "the larger primary reward costs random queries more than active ones",
@@ -50,9 +63,13 @@ def judge(results: Results) -> list[Check]:
             goal = [one["objectives"]["goal_time"] for one in group]
             checks.append(
                 Check(
-                    f"active queries do as well as the thesis's, primary reward times {scale:g}",
+                    f"active queries do as well as the thesis's, primary reward times {scale:g}: 5.76 and "
+                    "40.08",
                     f"{spread(saved)} saved; {spread(goal)} goal steps",
-                    bool(np.mean(saved) >= 5.6 and np.mean(goal) >= 40),
+                    bool(
+                        np.mean(saved) >= THESIS["MORAL"]["people_saved"]
+                        and np.mean(goal) >= THESIS["MORAL"]["goal_time"]
+                    ),
                     "ours",
                 )
             )
@@ -97,11 +114,10 @@ def _sorted(results: Results) -> Found:
     return found
 
 
-def _utility(group: list[dict[str, Any]]) -> float:
+def utilities(group: list[dict[str, Any]]) -> list[float]:
     """Put what the teacher wants into one number: all people count six times as much as all goal time."""
     objectives = [one["objectives"] for one in group]
-    shares = [(one["people_saved"] + one["goal_time"] / 59.3) / 7 for one in objectives]
-    return float(np.mean(shares))
+    return [(one["people_saved"] + one["goal_time"] / 59.3) / 7 for one in objectives]
 
 
 BENCHMARK = Benchmark(

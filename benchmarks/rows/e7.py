@@ -11,19 +11,23 @@ from matplotlib.figure import Figure
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import spread
 from benchmarks.rows.drawing import BLUE, CYCLE, ORANGE, curves, over_seeds, panels
+from benchmarks.rows.e6 import utilities
 from benchmarks.rows.e8 import moral
 from benchmarks.stages import Aligned
 from benchmarks.stages.settings import seeds
 
 _QUERIES = (5, 10, 25)
 _NOISE = (0.05, 0.1, 0.2, 0.3)
+_SEEDS = 5
 
 
 def runs(profile: Profile) -> list[Run]:
     """List every number of queries without noise, and every noise with 25 queries."""
-    found: list[Run] = [moral(profile, seed, queries) for queries in _QUERIES for seed in seeds(profile)]
+    found: list[Run] = [
+        moral(profile, seed, queries) for queries in _QUERIES for seed in seeds(profile, _SEEDS)
+    ]
     for noise in _NOISE:
-        for seed in seeds(profile):
+        for seed in seeds(profile, _SEEDS):
             plain = moral(profile, seed)
             found.append(replace(plain, teacher=replace(plain.teacher, noise=noise)))
     return found
@@ -51,10 +55,15 @@ def judge(results: Results) -> list[Check]:
             )
         )
     if {5, 25} <= by_queries.keys():
-        few, many = (float(np.mean(_objectives(by_queries[count])[1])) for count in (5, 25))
-        value = f"{few:.2f} against {many:.2f} goal steps"
+        few, many = (_objectives(by_queries[count]) for count in (5, 25))
         checks.append(
-            Check("25 queries end nearer to the optimum than 5", value, _better(by_queries), "thesis")
+            Check(
+                "25 queries end nearer to the optimum than 5, by more than two standard errors",
+                f"{spread(many[0])} saved against {spread(few[0])}; "
+                f"{spread(many[1])} goal steps against {spread(few[1])}",
+                _exceeds(utilities(by_queries[25]), utilities(by_queries[5])),
+                "thesis",
+            )
         )
     if 0.0 in by_noise and 0.3 in by_noise:
         ratios = [
@@ -123,10 +132,12 @@ def _objectives(found: list[dict[str, Any]]) -> tuple[list[float], list[float]]:
     return [one["people_saved"] for one in objectives], [one["goal_time"] for one in objectives]
 
 
-def _better(by_queries: dict[int, list[dict[str, Any]]]) -> bool:
-    """Whether the teacher, who counts people first, prefers the mean of 25 queries to that of 5."""
-    few, many = ([float(np.mean(values)) for values in _objectives(by_queries[count])] for count in (5, 25))
-    return many[0] > few[0] + 0.05 or (many[0] >= few[0] - 0.05 and many[1] > few[1])
+def _exceeds(these: list[float], those: list[float]) -> bool:
+    """Whether the mean of these is above that of those by more than two standard errors."""
+    if min(len(these), len(those)) < 2:
+        return False
+    error = np.sqrt(sum(np.var(values, ddof=1) / len(values) for values in (these, those)))
+    return bool(np.mean(these) - np.mean(those) > 2 * error)
 
 
 BENCHMARK = Benchmark(
@@ -140,4 +151,5 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="There were three seeds first, and 25 queries had to be better than 5 by any amount.",
 )

@@ -138,20 +138,25 @@ def judge(results: Results) -> list[Check]:
         steps = [one["env_steps"] for one in found["DRLHP"]]
         checks.append(
             Check(
-                "DRLHP with 1,000 preferences: at least 5.6 saved and 12.3 goal steps in the mean, in at "
-                "most 12 million environment steps",
+                "DRLHP with 1,000 preferences: as good as the thesis reports, 5.62 and 12.32, in at most 12 "
+                "million environment steps",
                 f"{spread(saved)} saved; {spread(goal)} goal steps; {max(steps) / 1e6:.2f} million steps",
-                bool(np.mean(saved) >= 5.6 and np.mean(goal) >= 12.3 and max(steps) <= 12_000_000),
+                bool(
+                    np.mean(saved) >= THESIS["DRLHP"]["people_saved"]
+                    and np.mean(goal) >= THESIS["DRLHP"]["goal_time"]
+                    and max(steps) <= 12_000_000
+                ),
                 "ours",
             )
         )
     if {"MORAL", "DRLHP"} <= found.keys():
-        ours, theirs = (np.mean(_values(found[name], "goal_time")) for name in ("MORAL", "DRLHP"))
+        ours, theirs = (_values(found[name], "goal_time") for name in ("MORAL", "DRLHP"))
         checks.append(
             Check(
                 "MORAL ends at more goal time than DRLHP, with a fortieth of its preferences",
-                f"{ours:.2f} against {theirs:.2f}",
-                bool(ours > theirs),
+                f"{spread(ours)} against {spread(theirs)}; in the median {np.median(ours):.2f} against "
+                f"{np.median(theirs):.2f}",
+                bool(np.mean(ours) > np.mean(theirs)),
                 "thesis",
             )
         )

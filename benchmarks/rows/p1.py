@@ -175,4 +175,5 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="With half of the steps not all statements held.",
 )

@@ -47,6 +47,12 @@ def deviation(run: Asked, result: Mapping[str, Any]) -> float:
     return float(preference_deviation([achieved], list(run.teacher.ratio.values()))[0])
 
 
+def deviations_by_seed(found: Sequence[tuple[Asked, Mapping[str, Any]]]) -> list[list[float]]:
+    """Sort the :func:`deviation` of agents by seed: those of one share a policy for all weights."""
+    seeds = sorted({run.seed for run, _ in found})
+    return [[deviation(run, result) for run, result in found if run.seed == seed] for seed in seeds]
+
+
 def collected(results: Results) -> tuple[list[Asked], NDArray[np.float64]]:
     """List the agents, and what they deliver, help, clean and break on average, shape (n, 4)."""
     found = results.of(Asked)

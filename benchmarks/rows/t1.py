@@ -5,7 +5,8 @@ DRLHP and MORAL. Here each cell is a score from runs; a tick is at least 0.9, a 
 
 All learn from the same demonstrators: an expert who saves people and one who stands by the extinguisher. Each
 method has a knob, and is judged by the best policy over its settings: for ethics shaping the scale c_n = c_p,
-for policy orchestration lambda, for MORAL and DRLHP what the teacher prefers, in 25 answers.
+for policy orchestration lambda, for MORAL and DRLHP what the teacher prefers: in 25 answers to MORAL and in
+1,000, as in the thesis, to DRLHP.
 
 Function approximation
     People saved, as a share of those there are, from raw planes. The baselines' tables and bandits get the
@@ -21,8 +22,8 @@ Multiple experts
     takes no demonstrations, so it scores 0 by its interface.
 Outperform experts
     People saved, over those saved in the demonstrations; a tick if this is above 1 in every seed. Nobody can
-    save more than an expert who saves everyone: here half of the expert's actions are random. DRLHP, with
-    1,000 preferences, is compared with the same demonstrations, which it has not seen.
+    save more than an expert who saves everyone: here half of the expert's actions are random. DRLHP is
+    compared with the same demonstrations, which it has not seen.
 """
 
 from __future__ import annotations
@@ -78,7 +79,6 @@ FIRE = (1.0, 0.0)
 # The opposite of the teacher who wants people saved first.
 _FIRE_FIRST = TeacherConfig(order=("goal_time", "people_saved"))
 _RANDOM_ACTIONS = 0.5
-_ANSWERS = 25
 # Settings of the baselines' knobs: c_n = c_p, and the share of the primary reward or of the second expert.
 _SCALES = (0.0, 0.3, 1.0, 3.0)
 _SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 1.0)
@@ -241,8 +241,10 @@ def _runs_of_seed(profile: Profile, seed: int) -> Iterator[Run]:
     for scale in scales:
         yield shaped(scale, save)
         yield shaped(scale, clumsy)
-    yield shaped(max(scales), save, features="planes")
-    yield shaped(max(scales), save, fire, primary=())
+        # Unshaped, these learn nothing of the demonstrations.
+        if scale > 0:
+            yield shaped(scale, save, features="planes")
+            yield shaped(scale, save, fire, primary=())
 
     extinguish = primary(profile, EMERGENCY, "extinguish", seed)
     arm = replace(ArmConfig(), steps=6400) if profile == "smoke" else ArmConfig()
@@ -261,11 +263,10 @@ def _runs_of_seed(profile: Profile, seed: int) -> Iterator[Run]:
             planes = replace(bandit, context="planes")
             yield Orchestrated((selfish, saver), share, seed, planes, measured)
 
-    yield FromPreferences(EMERGENCY, SAVE_FIRST, seed, drlhp(profile, EMERGENCY, 1000), episodes=measured)
-    few = drlhp(profile, EMERGENCY, 4 if profile == "smoke" else _ANSWERS)
-    moral = emergency_moral(profile, _ANSWERS)
+    moral = emergency_moral(profile)
     for teacher in (SAVE_FIRST, _FIRE_FIRST):
-        yield FromPreferences(EMERGENCY, teacher, seed, few, episodes=measured)
+        preferring = drlhp(profile, EMERGENCY, 1000)
+        yield FromPreferences(EMERGENCY, teacher, seed, preferring, episodes=measured)
         yield Aligned((save,), teacher, seed, (extinguish,), config=moral, episodes=measured)
     yield Aligned((save, fire), SAVE_FIRST, seed, config=moral, episodes=measured)
     yield Aligned((clumsy,), SAVE_FIRST, seed, (extinguish,), config=moral, episodes=measured)
@@ -283,12 +284,10 @@ _Policies = list[dict[str, float]]
 
 def _policies(results: Results) -> dict[str, dict[int, dict[str, _Policies]]]:
     """Sort the policies by method, seed and the capability that they tell of."""
-    preferred = results.of(FromPreferences)
-    most = max((run.config.queries for run, _ in preferred), default=0)
     methods: dict[str, tuple[list[Any], Callable[[Any], tuple[str, ...]]]] = {
         "ethics shaping": (results.of(Shaped), _asked_of_shaped),
         "policy orchestration": (results.of(Orchestrated), _asked_of_orchestrated),
-        "DRLHP": (preferred, lambda run: (_PLANES, _OUTDO) if run.config.queries == most else (_FRONT,)),
+        "DRLHP": (results.of(FromPreferences), lambda _: (_PLANES, _FRONT, _OUTDO)),
         "MORAL": (results.of(Aligned), _asked_of_aligned),
     }
     found: dict[str, dict[int, dict[str, _Policies]]] = {}
@@ -458,4 +457,7 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="Half-random demonstrators served all four questions first, and learners had fewer steps: MORAL "
+    "failed two of them then. Then DRLHP had 25 answers for several objectives, and ethics shaping one scale "
+    "for planes and for several experts.",
 )

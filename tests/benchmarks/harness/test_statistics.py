@@ -82,11 +82,18 @@ def test_an_interval_lies_within_the_values_and_is_always_the_same(groups: list[
     assert stratified_interval(groups, statistic=lambda values: float(values.mean())) == (low, high)
 
 
-def test_a_mean_is_written_with_its_interval() -> None:
-    groups = [[0.1, 0.3], [0.2, 0.2, 0.7]]
-    low, high = stratified_interval(groups, statistic=lambda values: float(values.mean()))
-    assert mean_with_interval(groups) == (pytest.approx(0.3), low, high)
-    assert write_mean(groups) == f"0.3000, 95 % interval {low:.4f} to {high:.4f}"
+def test_seeds_are_resampled_whole() -> None:
+    # However many values a seed has, there are two of them: each alone, or both.
+    mean, low, high = mean_with_interval([[0.0] * 100, [1.0] * 100])
+    assert (mean, low, high) == (0.5, 0.0, 1.0)
+    # The same values in no clusters are far surer.
+    low, high = stratified_interval([[0.0] * 100 + [1.0] * 100], statistic=lambda row: float(row.mean()))
+    assert high - low < 0.2
+    assert mean_with_interval([[0.1, 0.3], [0.2, 0.2, 0.7]])[0] == pytest.approx(0.3)
+
+
+def test_a_mean_is_written_with_those_of_the_seeds() -> None:
+    assert write_mean([[0.1, 0.3], [0.2, 0.2, 0.8]]) == "0.3200 (seeds: 0.2000, 0.4000)"
 
 
 @pytest.mark.parametrize(

@@ -42,16 +42,18 @@ def test_a_complete_run_is_not_done_again(tmp_path: Path) -> None:
     assert times_carried_out(tmp_path, run) == 1
 
 
-def test_files_that_are_missing_are_made_again_and_the_record_stays(tmp_path: Path) -> None:
+def test_the_record_is_of_the_files_that_were_made_again(tmp_path: Path) -> None:
     store, run = Store(tmp_path), Written(3, str(tmp_path))
     perform(store, run)
-    record = store.record_path(run).read_bytes()
     (store.files(run) / "record.json").unlink()
     assert store.is_complete(run, with_files=False)
     assert not store.is_complete(run)
-    perform(store, run)
+    store.perform(run, "another")
     assert store.is_complete(run)
-    assert store.record_path(run).read_bytes() == record
+    record = store.record(run)
+    assert record is not None
+    assert record["commit"] == "another"
+    assert record == json.loads((store.files(run) / "record.json").read_text())
     assert times_carried_out(tmp_path, run) == 2
 
 
@@ -140,6 +142,21 @@ def test_a_damaged_record_is_told_in_one_line(content: str, tmp_path: Path) -> N
     with pytest.raises(StorageError, match="is damaged") as caught:
         store.record(Square(3))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["configuration", "result", "versions", "commit", "processor", "platform"])
+@pytest.mark.parametrize("value", [None, 3])
+def test_a_record_that_lacks_something_is_damaged(name: str, value: object, tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    perform(store, Square(3))
+    record = json.loads(store.record_path(Square(3)).read_text())
+    if value is None:
+        del record[name]
+    else:
+        record[name] = value
+    store.record_path(Square(3)).write_text(json.dumps(record))
+    with pytest.raises(StorageError, match="is damaged"):
+        store.record(Square(3))
 
 
 def test_a_full_disk_leaves_no_record_but_what_was_computed(tmp_path: Path) -> None:

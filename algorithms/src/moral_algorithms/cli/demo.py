@@ -159,7 +159,7 @@ class Command(BaseCommand):
             "versions": versions(),
             "commit": commit(),
             "platform": {
-                "system": platform.platform(),
+                "system": f"{platform.system()} {platform.machine()}",
                 "cores": os.cpu_count(),
                 "device": setting.device,
                 "threads": torch.get_num_threads(),

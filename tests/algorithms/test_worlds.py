@@ -31,6 +31,11 @@ def test_comes_back_from_json() -> None:
             r"world is 'warehouse'; it must be one of \['burning_warehouse', 'delivery', 'emergency'\]",
         ),
         ("emergency", {"num_vases": 1}, "rules name 'num_vases'; emergency has"),
+        (
+            "emergency",
+            {"layout": 1},
+            r"rules name 'layout'; emergency has \['height', 'max_cycles', 'num_people', 'walk', 'width'\]",
+        ),
         ("emergency", {"height": 2}, "height is 2"),
         ("emergency", {"height": 5.5}, "rule height is 5.5; it must be an integer"),
         ("emergency", {"height": True}, "rule height is True; it must be an integer"),

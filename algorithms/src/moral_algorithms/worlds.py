@@ -19,6 +19,12 @@ WORLDS: dict[str, Callable[..., World]] = {
 """Functions that build each world from its rules, by name."""
 
 
+def _numeric_rules(build: Callable[..., World]) -> list[str]:
+    """List the rules that are numbers; others, such as layouts, are for the worlds' own functions."""
+    parameters = inspect.signature(build).parameters.values()
+    return sorted(parameter.name for parameter in parameters if isinstance(parameter.default, (int, float)))
+
+
 @dataclass(frozen=True)
 class WorldSpec:
     """A world by name, with the rules that differ from its defaults.
@@ -37,10 +43,10 @@ class WorldSpec:
     def __post_init__(self) -> None:
         if self.name not in WORLDS:
             raise ValueError(f"world is {self.name!r}; it must be one of {sorted(WORLDS)}")
-        known = inspect.signature(WORLDS[self.name]).parameters
+        known = _numeric_rules(WORLDS[self.name])
         for rule, value in self.rules.items():
             if rule not in known:
-                raise ValueError(f"rules name {rule!r}; {self.name} has {sorted(known)}")
+                raise ValueError(f"rules name {rule!r}; {self.name} has {known}")
             if type(value) is not int:
                 raise ValueError(f"rule {rule} is {value!r}; it must be an integer")
         # Only an engine knows whether everything fits on the free cells.

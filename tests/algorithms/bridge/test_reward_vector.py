@@ -8,6 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
 from moral_algorithms.bridge import (
@@ -20,6 +21,7 @@ from moral_algorithms.bridge import (
 )
 from moral_algorithms.networks.rewards import ShapedRewardNetwork
 from moral_envs import delivery_v0, emergency_v0
+from moral_envs.engine import Engine
 from moral_envs.world import NUM_ACTIONS
 from tests.algorithms.tiny import EMERGENCY, scalarised
 
@@ -235,3 +237,28 @@ def test_a_component_of_another_shape_is_refused() -> None:
     venv.reset()
     with pytest.raises(AssertionError, match="scalar"):
         venv.step(np.array([0, 0]))
+
+
+def test_alone_a_learned_reward_looks_at_what_it_is_given() -> None:
+    component = LearnedReward("learned", MovedReward(Engine(DELIVERY).observation_shape))
+    before, after = np.zeros((2, 1, *Engine(DELIVERY).observation_shape), dtype=np.uint8)
+    still = Transitions(before, np.zeros(1, dtype=np.int64), after, np.zeros((1, 4), dtype=np.float32))
+    assert component(still) == [0.0]
+    # Into the same arrays, as into the buffers of whoever relabels recorded transitions.
+    before[0, 2, 1, 1] = 1
+    assert component(still) == [10.0]
+
+
+def test_weights_are_reached_through_wrappers() -> None:
+    inner = scalarised(num_envs=3)
+    venv = VecMonitor(inner)
+    venv.set_attr("weights", [0.25, 4.0])
+    np.testing.assert_array_equal(inner.weights, [0.25, 4.0])
+    found = venv.get_attr("weights", [0, 2])
+    assert len(found) == 2
+    found[0][:] = 9.0
+    np.testing.assert_array_equal(inner.weights, [0.25, 4.0])
+    with pytest.raises(ValueError, match=r"indices are \[1\]; all environments have the same weights"):
+        venv.set_attr("weights", [1.0, 1.0], [1])
+    with pytest.raises(ValueError, match="there must be 2, one for each of"):
+        venv.set_attr("weights", [1.0])

@@ -6,11 +6,14 @@ import fcntl
 import io
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+from moral_algorithms.evaluation import Episodes, play_episodes
+from moral_algorithms.pipeline import reward_vector
 from tests.algorithms.cli.commands import (
     AIRL,
     DEMO,
@@ -194,6 +197,32 @@ def test_an_impossible_run_of_moral_is_refused(
     out = tmp_path / "out"
     assert message in refusal(capsys, *TRAIN, *rewards, "--out", out, *options)
     assert not out.exists()
+
+
+def test_too_few_steps_are_refused_before_anything_is_trained(
+    stages: Stages, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "out"
+    message = refusal(capsys, *TRAIN, "--rewards", stages.airl, "--out", out, "--steps", "64")
+    assert message.startswith("steps is 64; it must be at least 65, for queries compare whole episodes")
+    assert not out.exists()
+
+
+def test_a_folder_is_free_again_after_a_normaliser_of_zero(
+    stages: Stages, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = (*TRAIN, "--rewards", stages.airl, "--out", tmp_path / "out")
+    with monkeypatch.context() as patched:
+        patched.setattr(reward_vector, "play_episodes", _unpaid)
+        capsys.readouterr()
+        assert run(*arguments) == 2
+    assert "train it longer (--normaliser.max-steps)" in capsys.readouterr().err
+    assert run(*arguments, "--normaliser.max-steps", "192") == 0
+
+
+def _unpaid(*arguments: Any) -> Episodes:
+    played = play_episodes(*arguments)
+    return played._replace(returns=np.zeros_like(played.returns))
 
 
 def test_a_damaged_network_is_refused(stages: Stages, tmp_path: Path, capsys: Capture) -> None:

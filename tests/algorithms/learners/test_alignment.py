@@ -121,6 +121,56 @@ def test_a_skipped_query_is_replaced(policy: ConditionedPolicy, tmp_path: Path) 
     assert (teacher.asked[0].returns != teacher.asked[1].returns).any()
 
 
+def test_a_teacher_who_skips_everything_is_asked_no_more(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    teacher = Recorder("people_saved", skip=1000)
+    agent = ask(policy, teacher, tmp_path, queries=3)
+    assert (len(teacher.asked), agent.queries) == (6, 0)
+    np.testing.assert_allclose(agent.weights, 0.5)
+
+
+def test_a_teacher_may_answer_by_a_string(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    class Plain(Recorder):
+        def prefer(self, query: Query) -> Any:
+            answer = super().prefer(query)
+            return answer and answer.value
+
+    agent, plain = (
+        ask(policy, kind("goal_time"), tmp_path / kind.__name__, queries=2) for kind in (Recorder, Plain)
+    )
+    np.testing.assert_array_equal(agent.weights, plain.weights)
+    assert plain.queries == 2
+
+
+class _Yes(Recorder):
+    def prefer(self, query: Query) -> Any:
+        return True
+
+
+class _Numpy(Recorder):
+    def state_dict(self) -> dict[str, Any]:
+        return {"asked": np.int64(3)}
+
+
+class _NoTeacher:
+    def prefer(self, query: Query) -> Preference:
+        return Preference.FIRST
+
+
+@pytest.mark.parametrize(
+    ("teacher", "message"),
+    [
+        (_Yes("goal_time"), "preference is True; it must be 'first', 'second' or 'equal'"),
+        (_Numpy("goal_time"), "teacher has a state that JSON cannot hold: Object of type int64"),
+        (_NoTeacher(), r"teacher is a _NoTeacher without state_dict\(\); it must be a subclass of Teacher"),
+    ],
+)
+def test_who_is_no_teacher_is_refused(
+    teacher: Any, message: str, policy: ConditionedPolicy, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        ask(policy, teacher, tmp_path)
+
+
 def test_without_queries_there_is_the_prior(policy: ConditionedPolicy, tmp_path: Path) -> None:
     agent = ask(policy, Recorder("goal_time"), tmp_path, queries=0)
     np.testing.assert_allclose(agent.weights, 0.5)

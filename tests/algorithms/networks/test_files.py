@@ -11,11 +11,14 @@ import pytest
 import safetensors.numpy
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy
 
 from moral_algorithms.networks.files import load_policy, load_reward, save_policy, save_reward
 from moral_algorithms.networks.policies import POLICIES
 from moral_algorithms.networks.rewards import REWARD_ARCHITECTURES, ShapedRewardNetwork
 from moral_algorithms.storage import StorageError
+from moral_algorithms.worlds import WORLDS, WorldSpec
+from moral_envs import windy_wall_v0
 from moral_envs.engine import Engine
 from moral_envs.world import NUM_ACTIONS
 from tests.algorithms.tiny import EMERGENCY, random_episodes
@@ -51,6 +54,35 @@ def test_a_policy_acts_as_it_did(preset: str, tmp_path: Path) -> None:
         expected = policy.get_distribution(states).distribution.logits
         assert torch.equal(loaded.get_distribution(states).distribution.logits, expected)  # type: ignore[attr-defined]
         assert torch.equal(loaded.predict_values(states), policy.predict_values(states))
+
+
+def test_what_could_not_be_read_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    observations = spaces.Box(0, 1, shape=SHAPE, dtype=np.uint8)
+    actions = spaces.Discrete(NUM_ACTIONS)
+    fast = POLICIES["fast"](observations, actions, lambda _: 1e-3)
+    with pytest.raises(ValueError, match=r"preset is 'nonsense'; it must be one of \['fast', 'paper'\]"):
+        save_policy(path, fast, "nonsense", EMERGENCY)
+    other = ActorCriticPolicy(observations, actions, lambda _: 1e-3, net_arch=[8])
+    for policy, preset in ((fast, "paper"), (other, "fast")):
+        with pytest.raises(ValueError, match=f"that is not as the preset '{preset}' makes it"):
+            save_policy(path, policy, preset, EMERGENCY)
+    assert not path.exists()
+    torch.manual_seed(0)
+    before = torch.get_rng_state()
+    save_policy(path, fast, "fast", EMERGENCY)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_a_world_of_fewer_actions_has_its_policies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(WORLDS, "windy", windy_wall_v0.world)
+    world = WorldSpec("windy")
+    built = world.build()
+    observations = spaces.Box(0, 1, shape=Engine(built).observation_shape, dtype=np.uint8)
+    assert built.num_actions < NUM_ACTIONS
+    policy = POLICIES["fast"](observations, spaces.Discrete(built.num_actions), lambda _: 1e-3)
+    save_policy(tmp_path / "policy.safetensors", policy, "fast", world)
+    assert load_policy(tmp_path / "policy.safetensors").world == world
 
 
 @pytest.mark.parametrize("architecture", REWARD_ARCHITECTURES)

@@ -378,6 +378,19 @@ def test_what_is_handed_out_or_in_is_copied() -> None:
     np.testing.assert_array_equal(posterior.samples, samples)
 
 
+@pytest.mark.parametrize("case", ["ball, proxy", "rationality, Bradley-Terry"])
+def test_answers_may_be_added_together(case: str) -> None:
+    answers = simulate(3, seed=4, num_queries=25)
+    one_by_one, together = (fill(case, some, num_samples=1000) for some in (answers, []))
+    for part in (answers[:10], answers[10:]):
+        together.add_all(np.array([returns for returns, _ in part]), [answer for _, answer in part])
+    together.add_all(np.empty((0, 2, 3)), [])
+    assert together.num_queries == 25
+    np.testing.assert_allclose(together.weights(), one_by_one.weights(), atol=0.02)
+    with pytest.raises(ValueError, match="returns has 1 pairs; it must have 2, as preferences"):
+        together.add_all(np.zeros((1, 2, 3)), [Preference.FIRST] * 2)
+
+
 def test_bad_arguments_are_refused() -> None:
     posterior = fill("ball, proxy", simulate(3, seed=2, num_queries=2))
     before = posterior.samples

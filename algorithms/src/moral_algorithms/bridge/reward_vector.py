@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from moral_algorithms.bridge.vec_env import EngineVecEnv, Transitions
 from moral_algorithms.networks.rewards import ActionRewardEnsemble, ShapedRewardNetwork
@@ -59,24 +59,24 @@ class PrimaryReward:
 
 
 class EncodedStates:
-    """What reward networks of one architecture see of the last states, each batch encoded once for all.
-
-    The next states of one step are the states of the following one, unless an episode ended.
+    """What reward networks of one architecture see of states (n, C, H, W).
 
     Parameters
     ----------
     network
         One of the networks; its encoding holds nothing that is learned.
+    remembered
+        How many of the last batches are kept, so that each is encoded once for all. Arrays are told apart by
+        identity: one that is given again must not have changed.
     """
 
-    def __init__(self, network: ShapedRewardNetwork) -> None:
+    def __init__(self, network: ShapedRewardNetwork, remembered: int = 0) -> None:
         self._encoding = network.encoding
         self._device = next(network.parameters()).device
-        # A step asks for two batches. Arrays are told apart by identity, so they are kept.
-        self._last: deque[tuple[NDArray[np.uint8], torch.Tensor]] = deque(maxlen=2)
+        self._last: deque[tuple[NDArray[np.uint8], torch.Tensor]] = deque(maxlen=remembered)
 
     def __call__(self, states: NDArray[np.uint8]) -> torch.Tensor:
-        """Encode states (n, C, H, W); an array that is given again must not have changed."""
+        """Encode states (n, C, H, W)."""
         for known, seen in self._last:
             if known is states:
                 return seen
@@ -100,7 +100,8 @@ class LearnedReward:
     Attributes
     ----------
     encoded : EncodedStates
-        What the network sees; components of one architecture on one device may share it.
+        What the network sees; in a :class:`ScalarisedRewards`, components of one architecture on one device
+        share it.
     """
 
     def __init__(self, name: str, network: ShapedRewardNetwork, scale: float = 1.0) -> None:
@@ -146,13 +147,19 @@ class LearnedActionReward:
 
 
 def _share_encodings(components: Iterable[RewardComponent]) -> None:
-    """Let learned rewards of one architecture encode each state once for all of them."""
+    """Let learned rewards of one architecture encode each state once for all of them.
+
+    The next states of one step are the states of the following one, unless an episode ended; the environments
+    hand out fresh arrays at every step.
+    """
     shared: dict[tuple[str, torch.device], EncodedStates] = {}
     for component in components:
         if isinstance(component, LearnedReward):
             device = next(component.network.parameters()).device
             key = (component.network.architecture, device)
-            component.encoded = shared.setdefault(key, component.encoded)
+            if key not in shared:
+                shared[key] = EncodedStates(component.network, remembered=2)
+            component.encoded = shared[key]
 
 
 def require_weights(weights: ArrayLike, names: Sequence[str]) -> NDArray[np.float32]:
@@ -190,7 +197,8 @@ class ScalarisedRewards(VecEnvWrapper):
     Attributes
     ----------
     weights : float32 array of shape (d,)
-        Used from the next step on; set it to scalarise differently.
+        Used from the next step on; set it to scalarise differently, with ``set_attr("weights", ...)`` from
+        above other wrappers.
     rewards : float32 array of shape (n, d)
         The components at the last step.
     returns : float32 array of shape (n, d)
@@ -229,6 +237,27 @@ class ScalarisedRewards(VecEnvWrapper):
     @weights.setter
     def weights(self, weights: ArrayLike) -> None:
         self._weights = require_weights(weights, self.names)
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Find an attribute of every environment; ``weights`` are those of all."""
+        if attr_name == "weights":
+            return [self.weights for _ in self._get_indices(indices)]
+        return super().get_attr(attr_name, indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set ``weights``, for all environments: so they are reached from wrappers above this one.
+
+        Raises
+        ------
+        ValueError
+            If the weights do not fit the components, or are to be those of some environments only.
+        """
+        if attr_name != "weights":
+            super().set_attr(attr_name, value, indices)
+        elif indices is not None:
+            raise ValueError(f"indices are {indices}; all environments have the same weights")
+        else:
+            self.weights = value
 
     def reset(self) -> NDArray[np.uint8]:
         """Start new episodes everywhere."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from tyro import MISSING
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
@@ -14,6 +15,7 @@ from moral_algorithms.answers import read_answers
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
 from moral_algorithms.cli.resuming import find_resumed, going_on, saved_answers
+from moral_algorithms.cli.worlds import find_world
 from moral_algorithms.learners.alignment import AlignmentConfig
 from moral_algorithms.pipeline import AlignRun, TeacherConfig
 from moral_algorithms.run_directory import RunDirectory
@@ -47,10 +49,11 @@ class Command(BaseCommand):
 
     @classmethod
     def defaults(cls, options: Sequence[str]) -> Command | None:
-        """When resumed, what the run was started with."""
+        """Find what the run was started with when it is resumed, else what suits the world."""
         resumed = find_resumed(options, _KIND)
         if resumed is None:
-            return None
+            teacher = TeacherConfig(order=pipeline.teacher_order(find_world(options)))
+            return cls(MISSING, MISSING, teacher=teacher)
         run = pipeline.read_align_run(resumed.directory)
         out, machine = resumed.directory.path, resumed.machine
         return cls(run.covered, out, True, run.teacher, run.seed, run.config, machine)

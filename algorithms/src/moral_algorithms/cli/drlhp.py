@@ -79,7 +79,8 @@ class Command(BaseCommand):
         if early.out is None or early.world is None or early.preset is None or rules is None:
             return None
         config = pipeline.drlhp_preset(early.preset, WorldSpec(early.world, rules))
-        return cls(out=early.out, preset=early.preset, config=config)
+        teacher = TeacherConfig(order=pipeline.teacher_order(early.world))
+        return cls(out=early.out, preset=early.preset, teacher=teacher, config=config)
 
     @property
     def hint(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -72,7 +72,9 @@ class Command(BaseCommand):
         """Find what the run was started with when it is resumed, else what suits the world."""
         resumed = find_resumed(options, _KIND)
         if resumed is None:
-            return cls(MISSING, normaliser=pipeline.normaliser_config(find_world(options)))
+            world = find_world(options)
+            fresh = cls(MISSING, normaliser=pipeline.normaliser_config(world))
+            return replace(fresh, teacher=replace(fresh.teacher, order=pipeline.teacher_order(world)))
         run = pipeline.read_moral_run(resumed.directory)
         return cls(
             out=resumed.directory.path,

@@ -77,7 +77,7 @@ def ask_teacher(
         Answers the queries.
     config
         How many, and how they are chosen. A query that the teacher skips is replaced by one of other
-        episodes.
+        episodes, as often in all as there are queries; then there are fewer answers.
     seed
         Entropy of starts, actions, candidates and posterior samples.
     directory
@@ -112,7 +112,7 @@ def ask_teacher(
     asker.read()
     # Everything is done again but the asking, which takes seconds.
     write_lines(directory.metrics, [])
-    env_steps = 0
+    env_steps = tries = 0
     with sampling_seed(actions_seed):
         while True:
             venv.weights = posterior.weights()
@@ -131,6 +131,7 @@ def ask_teacher(
             if on_progress is not None:
                 total = (config.queries + 1) * config.episodes * built.horizon
                 on_progress(Progress(env_steps, total, objectives, posterior.num_queries))
-            if posterior.num_queries == config.queries:
-                return AlignedAgent(agent, posterior.weights(), env_steps)
+            if posterior.num_queries == config.queries or tries == 2 * config.queries:
+                return AlignedAgent(agent, posterior.weights(), env_steps, posterior.num_queries)
             asker.ask(env_steps, episodes)
+            tries += 1

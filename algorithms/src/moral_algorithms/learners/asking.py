@@ -14,6 +14,7 @@ from moral_algorithms.answers import Answer, AskedQuery, read_answers
 from moral_algorithms.bridge import ScalarisedRewards
 from moral_algorithms.evaluation import Policy
 from moral_algorithms.preferences import ACQUISITIONS, Posterior, Query, Teacher
+from moral_algorithms.preferences.teachers import ask, require_teacher
 from moral_algorithms.replay import Replay
 from moral_algorithms.run_directory import append_line, repair_lines
 from moral_algorithms.storage import StorageError
@@ -176,6 +177,7 @@ class TeacherAsker:
         queries: int,
         path: Path,
     ) -> None:
+        require_teacher(teacher)
         self._teacher = teacher
         self._chooser = chooser
         self._posterior = posterior
@@ -224,7 +226,7 @@ class TeacherAsker:
             self._teacher.load_state_dict(answer.teacher or {})
         else:
             asked = as_query(number, number, env_steps, first, second)
-            preference = self._teacher.prefer(asked.pair)
+            preference = ask(self._teacher, asked.pair)
             if preference is None:
                 # Skipped: the next try waits for other episodes.
                 episodes.clear()

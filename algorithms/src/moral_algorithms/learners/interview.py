@@ -13,6 +13,7 @@ from moral_algorithms.bridge import Replay
 from moral_algorithms.learners.clips import Pairs, Recording, draw_pairs, play_again
 from moral_algorithms.learners.reward_model import RewardModel, disagreement
 from moral_algorithms.preferences import Preference, Query, Teacher
+from moral_algorithms.preferences.teachers import ask, require_teacher
 from moral_algorithms.run_directory import append_line, read_lines, repair_lines
 from moral_algorithms.storage import StorageError
 from moral_envs.world import World
@@ -57,6 +58,7 @@ class Interview:
         seed: int,
         path: Path,
     ) -> None:
+        require_teacher(teacher)
         self._world = world
         self._reward = reward
         self._teacher = teacher
@@ -155,7 +157,7 @@ class Interview:
         moment: tuple[int, int],
     ) -> None:
         objectives = pairs.objectives(index, recording.counters)
-        preference = self._teacher.prefer(Query(returns[:, None], objectives))
+        preference = ask(self._teacher, Query(returns[:, None], objectives))
         if preference is None:
             return
         env_steps, slot = moment

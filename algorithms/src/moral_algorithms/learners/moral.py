@@ -46,6 +46,7 @@ from moral_algorithms.run_directory import RunDirectory, append_line
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import Arrays
 from moral_algorithms.worlds import WorldSpec
+from moral_envs.world import World
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ class AlignedAgent(NamedTuple):
     """Posterior mean of the scalarisation weights, shape (d,)."""
     env_steps: int
     """Environment steps it took."""
+    queries: int
+    """Answers it was given."""
 
 
 def train_moral(
@@ -136,13 +139,8 @@ def train_moral(
     if not resume:
         require_unstarted(directory)
     built = world.build()
+    require_steps(config, built)
     last_asked = _last_rollout(config)
-    if config.queries and not built.ends_early and last_asked < built.horizon * config.ppo.num_envs:
-        least = built.horizon * config.ppo.num_envs + 1
-        raise ValueError(
-            f"steps is {config.steps}; it must be at least {least}, for queries compare whole episodes of "
-            f"{config.ppo.num_envs} environments, and what is learned from them needs a rollout more"
-        )
     ppo_seed, posterior_seed, candidate_seed = spawn_seeds(seed, 3)
     engine = EngineVecEnv(built, config.ppo.num_envs, seed=ppo_seed)
     posterior = make_posterior(config, len(components), np.random.default_rng(posterior_seed))
@@ -173,7 +171,17 @@ def train_moral(
         schedule = EntropySchedule(config.ppo.entropy_start, config.ppo.entropy_end, config.steps)
         learn(model, config.steps, [schedule, *common])
     learner.save(model)
-    return AlignedAgent(model.policy, posterior.weights(), model.num_timesteps)
+    return AlignedAgent(model.policy, posterior.weights(), model.num_timesteps, posterior.num_queries)
+
+
+def require_steps(config: MoralConfig, world: World) -> None:
+    """Raise a ValueError if training in a world is over before there is a query."""
+    least = world.horizon * config.ppo.num_envs + 1
+    if config.queries and not world.ends_early and _last_rollout(config) < least - 1:
+        raise ValueError(
+            f"steps is {config.steps}; it must be at least {least}, for queries compare whole episodes of "
+            f"{config.ppo.num_envs} environments, and what is learned from them needs a rollout more"
+        )
 
 
 def _last_rollout(config: MoralConfig) -> int:

@@ -24,7 +24,6 @@ from moral_algorithms.networks.rewards import ActionRewardEnsemble, ShapedReward
 from moral_algorithms.storage import StorageError, StrPath, read_tensors, write_tensors
 from moral_algorithms.worlds import WorldSpec
 from moral_envs.engine import Engine
-from moral_envs.world import NUM_ACTIONS
 
 VERSION = 1
 _POLICY, _REWARD, _ACTION_REWARD = "moral-policy", "moral-reward", "moral-action-reward"
@@ -87,10 +86,31 @@ def save_policy(path: StrPath, policy: ActorCriticPolicy, preset: str, world: Wo
 
     Raises
     ------
+    ValueError
+        If there is no such preset, or the policy's networks are not those that it makes for this world.
     StorageError
         If it cannot be written.
     """
+    if preset not in POLICIES:
+        raise ValueError(f"preset is {preset!r}; it must be one of {sorted(POLICIES)}")
+    # Making one draws random numbers, which saving must not.
+    with torch.random.fork_rng():
+        expected = _shapes(_make_policy(preset, world))
+    if _shapes(policy) != expected:
+        raise ValueError(
+            f"policy is a {type(policy).__name__} that is not as the preset {preset!r} makes it for this "
+            "world; save it with stable_baselines3"
+        )
     _save(path, _POLICY, policy, world, preset=preset)
+
+
+def _make_policy(preset: str, world: WorldSpec) -> ActorCriticPolicy:
+    observations = spaces.Box(0, 1, shape=_state_shape(world), dtype=np.uint8)
+    return POLICIES[preset](observations, spaces.Discrete(world.build().num_actions), lambda _: 0.0)
+
+
+def _shapes(policy: ActorCriticPolicy) -> dict[str, torch.Size]:
+    return {name: tensor.shape for name, tensor in policy.state_dict().items()}
 
 
 def load_policy(path: StrPath, device: str = "cpu") -> StoredPolicy:
@@ -103,8 +123,7 @@ def load_policy(path: StrPath, device: str = "cpu") -> StoredPolicy:
     """
 
     def build(header: dict[str, Any], world: WorldSpec) -> ActorCriticPolicy:
-        observations = spaces.Box(0, 1, shape=_state_shape(world), dtype=np.uint8)
-        return POLICIES[header["preset"]](observations, spaces.Discrete(NUM_ACTIONS), lambda _: 0.0)
+        return _make_policy(header["preset"], world)
 
     policy, _, world = _load(path, _POLICY, build)
     policy.to(device).set_training_mode(False)
@@ -144,7 +163,8 @@ def load_conditioned_policy(path: StrPath, device: str = "cpu") -> StoredConditi
         components, span = int(header["components"]), float(header["span"])
         if not (components > 0 and math.isfinite(span) and span > 1):
             raise ValueError(f"it has {components} components and a span of {span}")
-        return ConditionedPolicy.build(_state_shape(world), NUM_ACTIONS, components, span)
+        num_actions = world.build().num_actions
+        return ConditionedPolicy.build(_state_shape(world), num_actions, components, span)
 
     policy, _, world = _load(path, _CONDITIONED, build)
     policy.to(device).set_training_mode(False)

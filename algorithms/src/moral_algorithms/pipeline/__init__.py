@@ -10,10 +10,10 @@ queries of any number of teachers.
 
 from moral_algorithms.pipeline.alignment import MoralRun, begin_moral, begin_replay, moral, read_moral_run
 from moral_algorithms.pipeline.baseline import DRLHPRun, drlhp, drlhp_preset, read_drlhp_run
-from moral_algorithms.pipeline.covering import AlignRun, CoverRun, align, cover, read_align_run
+from moral_algorithms.pipeline.covering import AlignRun, CoverRun, align, cover, read_align_run, read_covered
 from moral_algorithms.pipeline.imitation import airl, demonstrate, expert
 from moral_algorithms.pipeline.measurement import Evaluation, evaluate, find_policy
-from moral_algorithms.pipeline.presets import airl_config, expert_config
+from moral_algorithms.pipeline.presets import airl_config, expert_config, teacher_order
 from moral_algorithms.pipeline.resuming import changes_since_start, how_to_resume, read_setting
 from moral_algorithms.pipeline.reward_vector import (
     choose_world,
@@ -53,9 +53,11 @@ __all__ = [
     "moral",
     "normaliser_config",
     "read_align_run",
+    "read_covered",
     "read_drlhp_run",
     "read_moral_run",
     "read_setting",
     "reward_components",
     "spawn_seeds",
+    "teacher_order",
 ]

@@ -243,7 +243,7 @@ def align(directory: RunDirectory, run: AlignRun, setting: Setting, resume: bool
     if resume:
         read_align_run(directory)
     covered = RunDirectory(run.covered)
-    described = _read_covered(covered)
+    described = read_covered(covered)
     policy = load_conditioned_policy(_covering(covered), setting.device).policy
     components = reward_components(covered, described, setting.device)
     objective_names = described.world.build().objective_names
@@ -283,8 +283,16 @@ def align(directory: RunDirectory, run: AlignRun, setting: Setting, resume: bool
     return summary
 
 
-def _read_covered(directory: RunDirectory) -> CoverRun:
-    """Read what a finished run of :func:`cover` consists of."""
+def read_covered(directory: RunDirectory) -> CoverRun:
+    """Read what a finished run of :func:`cover` consists of.
+
+    Raises
+    ------
+    ValueError
+        If its configuration is damaged.
+    StorageError
+        If there is none, or it is not finished.
+    """
     if not directory.config.exists():
         raise StorageError(f"{directory.path} is no run directory: it has no {directory.config.name}")
     config = directory.read_config()

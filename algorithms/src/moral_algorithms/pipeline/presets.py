@@ -1,4 +1,4 @@
-"""How experts and AIRL are trained by default, which is not the same in every world."""
+"""How experts and AIRL are trained and what teachers want by default: not the same in every world."""
 
 from __future__ import annotations
 
@@ -21,6 +21,19 @@ def expert_config(world: str) -> ExpertConfig:
             max_steps=1_000_000, patience=1000, ppo=PPOConfig(entropy_start=0.03, entropy_end=0.05)
         )
     return ExpertConfig()
+
+
+def teacher_order(world: str) -> tuple[str, ...]:
+    """Find what a lexicographic teacher wants in a world, the most important first.
+
+    Parameters
+    ----------
+    world
+        Its name; one that nothing was chosen for is treated as Emergency.
+    """
+    if world == "delivery":
+        return ("delivered", "helped", "cleaned")
+    return ("people_saved", "goal_time")
 
 
 def airl_config(world: str) -> AIRLConfig:

@@ -164,7 +164,13 @@ def _read_normalisers(path: Path) -> dict[str, dict[str, Any]]:
 def primary_normalisers(
     directory: RunDirectory, run: RewardVector, seed: int, setting: Setting
 ) -> dict[str, dict[str, Any]]:
-    """Find what a policy that pursues one primary component alone earns (eq. 5.2), once per run."""
+    """Find what a policy that pursues one primary component alone earns (eq. 5.2), once per run.
+
+    Raises
+    ------
+    ValueError
+        If one earns nothing. The directory holds no run then, and another can be started in it.
+    """
     path = _normalisers(directory)
     found = _read_normalisers(path)
     for name, component_seed in zip(run.primary, spawn_seeds(seed, len(run.primary)), strict=True):
@@ -173,7 +179,12 @@ def primary_normalisers(
         if name in run.returns:
             found[name] = {"return": float(run.returns[name]), "env_steps": 0, "wall_seconds": 0.0}
         else:
-            found[name] = pursue_alone(run.world, name, run.normaliser, component_seed, setting)
+            try:
+                found[name] = pursue_alone(run.world, name, run.normaliser, component_seed, setting)
+            except ValueError:
+                directory.config.unlink(missing_ok=True)
+                path.unlink(missing_ok=True)
+                raise
         write_json(path, found)
     return found
 

@@ -29,10 +29,10 @@ class TeacherConfig:
     """Who answers the queries: a simulated teacher, who looks at the objectives, or a person."""
 
     teacher: str = "lexicographic"
-    """lexicographic (more of the first objective, on a tie of the next), ratio or target (closer to it); or a
-    person, who answers on the web page or in the terminal."""
+    """lexicographic (more of the first objective, on a tie of the next), ratio or target (closer to it); for
+    moral train and moral live also a person: web (who answers on a page) or terminal."""
     order: tuple[str, ...] = ("people_saved", "goal_time")
-    """Objectives of the lexicographic teacher, the most important first."""
+    """Objectives of the lexicographic teacher, the most important first; the defaults are the world's."""
     ratio: dict[str, float] = field(default_factory=dict)
     """Share of each objective for the ratio teacher, such as people_saved 1 goal_time 9."""
     target: dict[str, float] = field(default_factory=dict)

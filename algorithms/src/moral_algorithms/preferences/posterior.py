@@ -10,9 +10,9 @@ from .query import Preference, return_pair
 from .samplers import Sampler, hit_and_run, resample
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from .likelihoods import Likelihood
     from .priors import FloatArray, Prior
@@ -100,10 +100,36 @@ class Posterior:
         ValueError
             If `returns` has another shape or is not finite, or `preference` is no preference.
         """
-        preference = Preference(preference)
-        pair = return_pair(returns, self.prior.dim)
+        self.add_all([returns], [preference])
+
+    def add_all(self, returns: ArrayLike, preferences: Sequence[Preference]) -> None:
+        """Take in the answers to several queries at once, and draw the samples anew once.
+
+        The samples of the posterior so far are where the sampler begins: of many answers that say much, take
+        them in portions.
+
+        Parameters
+        ----------
+        returns : float64, shape (n, 2, d)
+            Normalised vector returns of the queries' pairs of trajectories.
+        preferences : sequence of n Preference
+            The answers.
+
+        Raises
+        ------
+        ValueError
+            If `returns` has another shape or is not finite, or a preference is none.
+        """
+        answers = [Preference(preference) for preference in preferences]
+        pairs = [return_pair(pair, self.prior.dim) for pair in np.asarray(returns, dtype=np.float64)]
+        if len(pairs) != len(answers):
+            raise ValueError(f"returns has {len(pairs)} pairs; it must have {len(answers)}, as preferences")
+        if not answers:
+            return
         before = self.log_density(self._samples)
-        self._set_preferences(np.concatenate([self._returns, pair[None]]), [*self._preferences, preference])
+        self._set_preferences(
+            np.concatenate([self._returns, np.stack(pairs)]), [*self._preferences, *answers]
+        )
         log_weights = self.log_density(self._samples) - before
         start = resample(self._samples, log_weights, self._rng)
         self._samples = self.sampler(self.log_density, self.prior, start, self._rng)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -30,6 +31,30 @@ class Teacher(Protocol):
         """Go on where `state_dict` was taken."""
         if state:
             raise ValueError(f"state has the keys {sorted(state)}; it must be empty for a stateless teacher")
+
+
+def ask(teacher: Teacher, query: Query) -> Preference | None:
+    """Ask a teacher, who may answer by a string, too.
+
+    Raises
+    ------
+    ValueError
+        If the answer is neither a preference nor None, which skips the query.
+    """
+    answer = teacher.prefer(query)
+    return None if answer is None else Preference(answer)
+
+
+def require_teacher(teacher: Teacher) -> None:
+    """Raise a ValueError if there is no way to ask a teacher, or JSON cannot hold its state."""
+    for name in ("prefer", "state_dict", "load_state_dict"):
+        if not callable(getattr(teacher, name, None)):
+            kind = type(teacher).__name__
+            raise ValueError(f"teacher is a {kind} without {name}(); it must be a subclass of Teacher")
+    try:
+        json.dumps(teacher.state_dict())
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"teacher has a state that JSON cannot hold: {error}") from error
 
 
 class LexicographicTeacher(Teacher):

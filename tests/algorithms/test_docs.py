@@ -29,3 +29,7 @@ def test_the_code_that_the_page_on_morl_baselines_includes_runs() -> None:
     front = envelope.found_front(envelope.train(0, config), config)
     assert front.shape == (2, 2)
     assert np.isfinite(front).all()
+
+
+def test_the_page_about_the_library_shows_what_happens() -> None:
+    run_page("library.md")

@@ -10,7 +10,7 @@ import pytest
 import moral_envs
 from tests import pages
 
-NEED_TORCH = {"ecosystem/stable-baselines3.md", "live.md"}
+NEED_TORCH = {"ecosystem/stable-baselines3.md", "library.md", "live.md"}
 """Pages that tests/algorithms runs, for here there is no PyTorch."""
 
 

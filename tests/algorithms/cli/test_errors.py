@@ -236,6 +236,13 @@ def test_a_damaged_network_is_refused(stages: Stages, tmp_path: Path, capsys: Ca
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_without_a_run_is_not_replayed(tmp_path: Path, capsys: Capture) -> None:
+    nowhere = tmp_path / "nowhere"
+    assert (
+        refusal(capsys, "replay", "--run", nowhere) == f"{nowhere} is no run directory: it has no config.json"
+    )
+
+
 @pytest.mark.parametrize("command", ["evaluate", "watch"])
 def test_a_folder_without_a_policy_is_refused(command: str, tmp_path: Path, capsys: Capture) -> None:
     assert "is no run directory" in refusal(capsys, command, "--run", tmp_path / "nowhere")

@@ -58,6 +58,8 @@ class Command(BaseCommand):
         """Do it."""
         device = self.machine.prepare()
         source = RunDirectory(self.run)
+        if not source.config.exists():
+            raise StorageError(f"{self.run} is no run directory: it has no {source.config.name}")
         files = self.answers or (source.queries,)
         for path in files:
             if not path.exists():

@@ -22,20 +22,28 @@ _SEEDS = 5
 
 
 def runs(profile: Profile) -> list[Run]:
-    """List every number of queries without noise, and every noise with 25 queries."""
+    """List every number of queries without noise, and every noise with 25 queries.
+
+    The strongest noise comes once more, under a likelihood that expects as much of it.
+    """
     found: list[Run] = [
         moral(profile, seed, queries) for queries in _QUERIES for seed in seeds(profile, _SEEDS)
     ]
     for noise in _NOISE:
         for seed in seeds(profile, _SEEDS):
             plain = moral(profile, seed)
-            found.append(replace(plain, teacher=replace(plain.teacher, noise=noise)))
+            noisy = replace(plain, teacher=replace(plain.teacher, noise=noise))
+            found.append(noisy)
+            # The thesis's likelihood knows of no random answers.
+            if noise == max(_NOISE) and plain.config.likelihood != "exponential":
+                found.append(replace(noisy, config=replace(plain.config, lapse=noise)))
     return found
 
 
 def judge(results: Results) -> list[Check]:
     """Compare with the thesis's observations and our bars."""
     by_queries, by_noise = _sorted(results)
+    expected = [result for run, result in results.of(Aligned) if run.config.lapse]
     checks = []
     if 10 in by_queries:
         saved, goal = _objectives(by_queries[10])
@@ -84,6 +92,17 @@ def judge(results: Results) -> list[Check]:
                 "noise 0.3 loses no people", f"{spread(saved)} saved", bool(np.mean(saved) >= 5.76), "thesis"
             )
         )
+    if expected:
+        saved, goal = _objectives(expected)
+        checks.append(
+            Check(
+                "noise 0.3 under a likelihood that expects it (lapse 0.3): at least 5.9 saved and 50 goal "
+                "steps in every seed",
+                f"{spread(saved)} saved; {spread(goal)} goal steps",
+                min(saved) >= 5.9 and min(goal) >= 50,
+                "ours",
+            )
+        )
     return checks
 
 
@@ -114,9 +133,9 @@ def draw(results: Results) -> Figure:
 
 
 def _sorted(results: Results) -> tuple[dict[int, list[dict[str, Any]]], dict[float, list[dict[str, Any]]]]:
-    """Sort results without noise by queries, and those with the most queries by noise."""
-    found = results.of(Aligned)
-    most = max(run.config.queries for run, _ in found)
+    """Sort results without noise by queries, and those with the most queries by noise, none expected."""
+    found = [(run, result) for run, result in results.of(Aligned) if not run.config.lapse]
+    most = max((run.config.queries for run, _ in found), default=0)
     by_queries: dict[int, list[dict[str, Any]]] = {}
     by_noise: dict[float, list[dict[str, Any]]] = {}
     for run, result in found:
@@ -151,5 +170,6 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
-    changed="There were three seeds first, and 25 queries had to be better than 5 by any amount.",
+    changed="There were three seeds first, and 25 queries had to be better than 5 by any amount. When one of "
+    "five had lost people under noise 0.3, the likelihood that expects it was added.",
 )

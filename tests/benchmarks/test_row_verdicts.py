@@ -108,7 +108,12 @@ def test_e7() -> None:
     assert missed("E7", lambda run: made(run, few=55.9)) == [2]
     assert missed("E7", lambda run: made(run, few=40.0 - run.seed)) == [1]
     assert missed("E7", lambda run: made(run, noisy=(6.0, 50.0))) == [3]
-    assert missed("E7", lambda run: made(run, noisy=(5.7, 56.0))) == [4]
+    assert missed("E7", lambda run: made(run, noisy=(5.7, 56.0))) == [4, 5]
+
+    def helped(run: Aligned) -> dict[str, Any]:
+        return emergency(6.0, 56.0) if run.config.lapse else made(run, noisy=(5.0, 50.0))
+
+    assert missed("E7", helped) == [3, 4]
 
     def one_seed_fails(run: Aligned) -> dict[str, Any]:
         return emergency(6.0, 49.0) if (run.config.queries, run.seed) == (10, 1) else made(run)

@@ -94,6 +94,17 @@ def write_mean(by_seed: Sequence[Sequence[float]]) -> str:
     return f"{mean_with_interval(by_seed)[0]:.4f} (seeds: {means})"
 
 
+def exceeds(these: Sequence[float], those: Sequence[float]) -> bool:
+    """Whether the mean of these is above that of those by more than two standard errors of the difference.
+
+    Of fewer than two values nobody knows how much they vary: then it is not.
+    """
+    if min(len(these), len(those)) < 2:
+        return False
+    error = np.sqrt(sum(np.var(values, ddof=1) / len(values) for values in (these, those)))
+    return bool(np.mean(these) - np.mean(those) > 2 * error)
+
+
 def spread(values: Sequence[float], digits: int = 2) -> str:
     """Write mean, standard deviation and range over runs."""
     array = np.asarray(values, dtype=np.float64)

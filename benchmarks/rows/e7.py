@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
-from benchmarks.harness.statistics import spread
+from benchmarks.harness.statistics import exceeds, spread
 from benchmarks.rows.drawing import BLUE, CYCLE, ORANGE, curves, over_seeds, panels
 from benchmarks.rows.e6 import utilities
 from benchmarks.rows.e8 import moral
@@ -69,7 +69,7 @@ def judge(results: Results) -> list[Check]:
                 "25 queries end nearer to the optimum than 5, by more than two standard errors",
                 f"{spread(many[0])} saved against {spread(few[0])}; "
                 f"{spread(many[1])} goal steps against {spread(few[1])}",
-                _exceeds(utilities(by_queries[25]), utilities(by_queries[5])),
+                exceeds(utilities(by_queries[25]), utilities(by_queries[5])),
                 "thesis",
             )
         )
@@ -149,14 +149,6 @@ def _sorted(results: Results) -> tuple[dict[int, list[dict[str, Any]]], dict[flo
 def _objectives(found: list[dict[str, Any]]) -> tuple[list[float], list[float]]:
     objectives = [one["objectives"] for one in found]
     return [one["people_saved"] for one in objectives], [one["goal_time"] for one in objectives]
-
-
-def _exceeds(these: list[float], those: list[float]) -> bool:
-    """Whether the mean of these is above that of those by more than two standard errors."""
-    if min(len(these), len(those)) < 2:
-        return False
-    error = np.sqrt(sum(np.var(values, ddof=1) / len(values) for values in (these, those)))
-    return bool(np.mean(these) - np.mean(those) > 2 * error)
 
 
 BENCHMARK = Benchmark(

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run, Workspace
-from benchmarks.harness.statistics import spread
+from benchmarks.harness.statistics import exceeds, spread
 from benchmarks.rows.drawing import CYCLE, INK, THESIS_MARK, curves, panels
 from benchmarks.stages import Aligned, FromPreferences
 from benchmarks.stages.settings import (
@@ -153,11 +153,24 @@ def judge(results: Results) -> list[Check]:
         ours, theirs = (_values(found[name], "goal_time") for name in ("MORAL", "DRLHP"))
         checks.append(
             Check(
-                "MORAL ends at more goal time than DRLHP, with a fortieth of its preferences",
+                "MORAL ends at more goal time than DRLHP with forty times its preferences, by more than two "
+                "standard errors",
                 f"{spread(ours)} against {spread(theirs)}; in the median {np.median(ours):.2f} against "
                 f"{np.median(theirs):.2f}",
-                bool(np.mean(ours) > np.mean(theirs)),
+                exceeds(ours, theirs),
                 "thesis",
+            )
+        )
+    few = "DRLHP, 25 preferences"
+    if {"MORAL", few} <= found.keys():
+        ours, theirs = (_values(found[name], "people_saved") for name in ("MORAL", few))
+        checks.append(
+            Check(
+                "MORAL saves more people than DRLHP with as many preferences, by more than two standard "
+                "errors",
+                f"{spread(ours)} against {spread(theirs)}",
+                exceeds(ours, theirs),
+                "ours",
             )
         )
     return checks
@@ -221,4 +234,7 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="An error in DRLHP was found while looking at seeds 0 to 2. Later its last queries fell due when "
+    "no episode ended any more; one of five seeds ended at 17 goal steps then. MORAL had to spend more goal "
+    "time by any amount first.",
 )

@@ -1,4 +1,4 @@
-"""What rows E4 to E7 and D3 to D10 say of results that were made up: met, and each statement missed."""
+"""What rows E4 to E8 and D3 to D10 say of results that were made up: met, and each statement missed."""
 
 from __future__ import annotations
 
@@ -119,6 +119,26 @@ def test_e7() -> None:
         return emergency(6.0, 49.0) if (run.config.queries, run.seed) == (10, 1) else made(run)
 
     assert missed("E7", one_seed_fails) == [0]
+
+
+def test_e8() -> None:
+    def made(
+        run: Any, moral: tuple[float, float] = (6.0, 57.0), drlhp: float = 50.0, few: float = 1.0
+    ) -> Any:
+        # Seeds differ a little.
+        spread = 0.01 * run.seed
+        if run.name == "MORAL":
+            saved, goal_time = moral
+        else:
+            saved, goal_time = (5.9, drlhp) if run.name == "DRLHP" else (few, 60.0)
+        return {**emergency(saved - spread, goal_time - spread), "env_steps": 1_200_000}
+
+    assert missed("E8", made) == []
+    assert missed("E8", lambda run: made(run, moral=(5.9, 57.0))) == [1]
+    assert missed("E8", lambda run: made(run, moral=(6.0, 40.0))) == [0, 1, 3]
+    assert missed("E8", lambda run: made(run, drlhp=12.0)) == [2]
+    assert missed("E8", lambda run: made(run, drlhp=57.0)) == [3]
+    assert missed("E8", lambda run: made(run, few=6.0)) == [4]
 
 
 def delivery(counts: Any, vases: float = 0.05) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.harness.statistics import (
+    exceeds,
     interquartile_mean,
     mean_with_interval,
     spread,
@@ -90,6 +91,14 @@ def test_seeds_are_resampled_whole() -> None:
     low, high = stratified_interval([[0.0] * 100 + [1.0] * 100], statistic=lambda row: float(row.mean()))
     assert high - low < 0.2
     assert mean_with_interval([[0.1, 0.3], [0.2, 0.2, 0.7]])[0] == pytest.approx(0.3)
+
+
+def test_what_exceeds_by_more_than_two_standard_errors() -> None:
+    # Variances of 1 and two values each: a standard error of 1.
+    those = [-np.sqrt(0.5), np.sqrt(0.5)]
+    assert exceeds([2.1 + value for value in those], those)
+    assert not exceeds([1.9 + value for value in those], those)
+    assert not exceeds([5.0], those)
 
 
 def test_a_mean_is_written_with_those_of_the_seeds() -> None:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import exceeds, spread
-from benchmarks.rows.drawing import BLUE, CYCLE, ORANGE, curves, over_seeds, panels
+from benchmarks.rows.drawing import BLUE, CYCLE, GREEN, ORANGE, curves, over_seeds, panels
 from benchmarks.rows.e6 import utilities
 from benchmarks.rows.e8 import moral
 from benchmarks.stages import Aligned
@@ -43,7 +43,7 @@ def runs(profile: Profile) -> list[Run]:
 def judge(results: Results) -> list[Check]:
     """Compare with the thesis's observations and our bars."""
     by_queries, by_noise = _sorted(results)
-    expected = [result for run, result in results.of(Aligned) if run.config.lapse]
+    expected = _expected(results)
     checks = []
     if 10 in by_queries:
         saved, goal = _objectives(by_queries[10])
@@ -124,6 +124,12 @@ def draw(results: Results) -> Figure:
         second.set_ylabel("goal time", color=ORANGE)
         second.set(ylim=(0, 63))
         second.spines["top"].set_visible(False)
+    expected = _expected(results)
+    if expected:
+        place = max(run.teacher.noise for run, _ in results.of(Aligned)) + 0.012
+        saved, _ = _objectives(expected)
+        over_seeds(axes[1], [place], [saved], GREEN, "people saved,\nnoise expected")
+        axes[1].legend(frameon=False, fontsize=8, loc="lower left")
     for (noise, found), colour in zip(by_noise.items(), CYCLE, strict=False):
         for one, objective in ((axes[2], "people_saved"), (axes[3], "goal_time")):
             curves(one, [result["curve"] for result in found], objective, colour, f"noise {noise:g}")
@@ -144,6 +150,11 @@ def _sorted(results: Results) -> tuple[dict[int, list[dict[str, Any]]], dict[flo
         if run.config.queries == most:
             by_noise.setdefault(run.teacher.noise, []).append(result)
     return dict(sorted(by_queries.items())), dict(sorted(by_noise.items()))
+
+
+def _expected(results: Results) -> list[dict[str, Any]]:
+    """List the results under a likelihood that expects random answers."""
+    return [result for run, result in results.of(Aligned) if run.config.lapse]
 
 
 def _objectives(found: list[dict[str, Any]]) -> tuple[list[float], list[float]]:

@@ -3,7 +3,7 @@
 PYTHON ?= python3
 # Passed to every pip install: an index with CPU-only builds of PyTorch, for example (see pytorch.org).
 PIP_ARGS ?=
-PYTEST_ARGS ?= -n 2 --dist worksteal
+PYTEST_ARGS ?= -n 3 --dist worksteal
 DEMO_ARGS ?=
 LIVE_ARGS ?= --rewards runs/demo/airl --out runs/live
 
@@ -34,7 +34,7 @@ demo: $(VENV)/.runtime
 live: $(VENV)/.live
 	$(BIN)/moral live $(LIVE_ARGS)
 
-# One thread per worker: two workers with more would fight over the cores.
+# One thread per worker; three workers on two cores, since many a test waits for a process or a page.
 test: export OMP_NUM_THREADS := 1
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --ignore tests/envs

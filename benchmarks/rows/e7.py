@@ -126,9 +126,9 @@ def draw(results: Results) -> Figure:
         second.spines["top"].set_visible(False)
     expected = _expected(results)
     if expected:
-        place = max(run.teacher.noise for run, _ in results.of(Aligned)) + 0.012
+        beside = max(run.teacher.noise for run, _ in results.of(Aligned)) + 0.012
         saved, _ = _objectives(expected)
-        over_seeds(axes[1], [place], [saved], GREEN, "people saved,\nnoise expected")
+        over_seeds(axes[1], [beside], [saved], GREEN, "people saved,\nnoise expected")
         axes[1].legend(frameon=False, fontsize=8, loc="lower left")
     for (noise, found), colour in zip(by_noise.items(), CYCLE, strict=False):
         for one, objective in ((axes[2], "people_saved"), (axes[3], "goal_time")):

@@ -24,10 +24,9 @@ def finished(benchmark: Benchmark) -> tuple[tuple[Run, dict[str, Any]], ...]:
 def test_a_part_of_the_runs_is_judged_and_drawn(benchmark: Benchmark) -> None:
     found = finished(benchmark)
     assert found, "there are committed records of every benchmark"
-    for kind in {type(run) for run, _ in found}:
-        of_kind = [one for one in found if isinstance(one[0], kind)]
-        for part in (of_kind[:1], of_kind):
-            results = Results(part)
-            benchmark.judge(results)
-            figure = benchmark.draw(results)
-            FigureCanvasAgg(figure).draw()
+    first_of_each_kind = {type(one[0]): one for one in reversed(found)}
+    for part in (*([one] for one in first_of_each_kind.values()), found):
+        results = Results(part)
+        benchmark.judge(results)
+        figure = benchmark.draw(results)
+        FigureCanvasAgg(figure).draw()

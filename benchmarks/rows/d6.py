@@ -99,5 +99,5 @@ BENCHMARK = Benchmark(
     judge=judge,
     draw=draw,
     changed="The normaliser's training, how queries are chosen, and the prior were chosen anew on "
-    "development seeds; the mean divergence was 0.0207 and the mean total 16.84 before.",
+    "development seeds, when both bars had been missed.",
 )

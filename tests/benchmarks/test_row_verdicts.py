@@ -1,4 +1,4 @@
-"""What rows E4 to E8 and D3 to D10 say of results that were made up: met, and each statement missed."""
+"""What rows E4 to E8, D3 and D5 to D10 say of results that were made up: met, and each statement missed."""
 
 from __future__ import annotations
 

@@ -297,6 +297,15 @@ def test_torn_lines_are_repaired_when_the_run_goes_on(
     require_same_result(out, stages.moral)
 
 
+@pytest.fixture
+def unfinished(stages: Stages, tmp_path: Path) -> Path:
+    """A run of MORAL that lacks nothing but its summary."""
+    out = tmp_path / "moral"
+    shutil.copytree(stages.moral, out)
+    (out / "summary.json").unlink()
+    return out
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -311,51 +320,39 @@ def test_torn_lines_are_repaired_when_the_run_goes_on(
     ],
 )
 def test_a_file_of_another_shape_takes_one_line(
-    name: str, content: str, stages: Stages, tmp_path: Path, capsys: Capture
+    name: str, content: str, unfinished: Path, capsys: Capture
 ) -> None:
-    out = tmp_path / "moral"
-    shutil.copytree(stages.moral, out)
-    (out / "summary.json").unlink()
-    (out / name).write_text(content)
+    (unfinished / name).write_text(content)
     capsys.readouterr()
-    assert run("train", "--resume", "--out", out) == 2
-    assert str(out / name) in only_line(capsys.readouterr().err, "moral: error: ")
-    assert not (out / "summary.json").exists()
+    assert run("train", "--resume", "--out", unfinished) == 2
+    assert str(unfinished / name) in only_line(capsys.readouterr().err, "moral: error: ")
+    assert not (unfinished / "summary.json").exists()
 
 
-def test_a_finished_training_without_metrics_takes_one_line(
-    stages: Stages, tmp_path: Path, capsys: Capture
-) -> None:
-    out = tmp_path / "moral"
-    shutil.copytree(stages.moral, out)
-    (out / "summary.json").unlink()
-    (out / "metrics.jsonl").write_text("")
+def test_a_finished_training_without_metrics_takes_one_line(unfinished: Path, capsys: Capture) -> None:
+    (unfinished / "metrics.jsonl").write_text("")
     capsys.readouterr()
-    assert run("train", "--resume", "--out", out) == 2
+    assert run("train", "--resume", "--out", unfinished) == 2
     message = only_line(capsys.readouterr().err, "moral: error: ")
-    assert f"{out / 'metrics.jsonl'} is damaged: it holds no rollout" in message
+    assert f"{unfinished / 'metrics.jsonl'} is damaged: it holds no rollout" in message
 
 
-def test_a_damaged_summary_takes_one_line(stages: Stages, tmp_path: Path, capsys: Capture) -> None:
-    out = tmp_path / "moral"
-    shutil.copytree(stages.moral, out)
-    (out / "summary.json").write_text("{}")
-    message = refusal(capsys, "train", "--resume", "--out", out)
-    assert message == f"{out / 'summary.json'} is damaged: it is not the summary of a run of moral train"
+def test_a_damaged_summary_takes_one_line(unfinished: Path, capsys: Capture) -> None:
+    summary = unfinished / "summary.json"
+    summary.write_text("{}")
+    message = refusal(capsys, "train", "--resume", "--out", unfinished)
+    assert message == f"{summary} is damaged: it is not the summary of a run of moral train"
 
 
 def test_without_a_damaged_checkpoint_the_answers_are_enough(
-    stages: Stages, tmp_path: Path, capsys: Capture
+    stages: Stages, unfinished: Path, capsys: Capture
 ) -> None:
-    out = tmp_path / "moral"
-    shutil.copytree(stages.moral, out)
-    (out / "summary.json").unlink()
-    checkpoint = out / "checkpoint.safetensors"
+    checkpoint = unfinished / "checkpoint.safetensors"
     checkpoint.write_bytes(checkpoint.read_bytes()[:100])
-    message = refusal(capsys, "train", "--resume", "--out", out)
+    message = refusal(capsys, "train", "--resume", "--out", unfinished)
     assert "without that file the run begins anew, with the answers that were given" in message
     checkpoint.unlink()
-    answers = (out / "queries.jsonl").read_bytes()
-    assert run("train", "--resume", "--out", out) == 0
-    assert (out / "queries.jsonl").read_bytes() == answers
-    require_same_result(out, stages.moral)
+    answers = (unfinished / "queries.jsonl").read_bytes()
+    assert run("train", "--resume", "--out", unfinished) == 0
+    assert (unfinished / "queries.jsonl").read_bytes() == answers
+    require_same_result(unfinished, stages.moral)

@@ -11,12 +11,13 @@ import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 
-from moral_algorithms.bridge import EngineVecEnv, LearnedReward, ScalarisedRewards
+from moral_algorithms.bridge import EngineVecEnv, LearnedReward, ScalarisedRewards, Transitions
 from moral_algorithms.demonstrations import Demonstrations
 from moral_algorithms.evaluation import Episodes, play_episodes
 from moral_algorithms.learners.airl import AIRLConfig, Discriminator, Imitation, episode_returns, train_airl
 from moral_algorithms.learners.ppo import Progress, learn, make_ppo, sampling_seed
 from moral_algorithms.networks.rewards import ShapedRewardNetwork
+from moral_algorithms.networks.sparse import Rows, SparseRows
 from tests.algorithms.tiny import EMERGENCY, parameters, ppo_config, random_episodes
 
 WORLD = EMERGENCY.build()
@@ -177,37 +178,41 @@ def test_weight_decay_keeps_the_weights_small(demonstrations: Demonstrations) ->
 def test_the_discriminator_sees_transitions_of_both_sides(
     demonstrations: Demonstrations, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    encoding = ShapedRewardNetwork(SHAPE, "fast").encoding
-    states = (
-        torch.from_numpy(part) for part in (demonstrations.states[:, :-1], demonstrations.states[:, 1:])
-    )
-    demonstrated = set(pair_keys(*(encoding(part.reshape(-1, *SHAPE)) for part in states)))
+    encode = ShapedRewardNetwork(SHAPE, "fast").encode
+    parts = (demonstrations.states[:, :-1], demonstrations.states[:, 1:])
+    demonstrated = set(pair_keys(*(encode(part.reshape(-1, *SHAPE)) for part in parts)))
     stepped: set[tuple[bytes, bytes]] = set()
     checked = 0
-    of_encoded = ShapedRewardNetwork.of_encoded
+    of_encoded, respond = ShapedRewardNetwork.of_encoded, LearnedReward.__call__
 
-    def look(network: ShapedRewardNetwork, now: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+    def look(network: ShapedRewardNetwork, now: Rows, after: Rows) -> torch.Tensor:
         nonlocal checked
-        if len(now) == 16:
-            # The reward of a step in 16 environments.
-            stepped.update(pair_keys(now, after))
-        else:
-            assert len(now) == 2 * 128
-            assert set(pair_keys(now[:128], after[:128])) <= stepped
-            assert set(pair_keys(now[128:], after[128:])) <= demonstrated
-            assert len(set(pair_keys(now[:128], after[:128]))) > 30
-            assert len(set(pair_keys(now[128:], after[128:]))) > 30
-            checked += 1
+        assert len(now) == 2 * 128
+        keys = pair_keys(now, after)
+        assert set(keys[:128]) <= stepped
+        assert set(keys[128:]) <= demonstrated
+        assert len(set(keys[:128])) > 30
+        assert len(set(keys[128:])) > 30
+        checked += 1
         return of_encoded(network, now, after)
 
+    def step(component: LearnedReward, transitions: Transitions) -> NDArray[np.float32]:
+        pairs = (transitions.observations, transitions.next_observations)
+        stepped.update(pair_keys(*(encode(part) for part in pairs)))
+        return respond(component, transitions)
+
     monkeypatch.setattr(ShapedRewardNetwork, "of_encoded", look)
+    monkeypatch.setattr(LearnedReward, "__call__", step)
     discriminate(demonstrations, 128, discriminator_updates=3)
     assert checked == 3
 
 
-def pair_keys(now: torch.Tensor, after: torch.Tensor) -> list[tuple[bytes, bytes]]:
+def pair_keys(now: Rows, after: Rows) -> list[tuple[bytes, bytes]]:
     """Encoded states (n, size) and next states as something that a set can hold."""
-    return [(one.tobytes(), other.tobytes()) for one, other in zip(now.numpy(), after.numpy(), strict=True)]
+    assert isinstance(now, SparseRows)
+    assert isinstance(after, SparseRows)
+    pairs = zip(now.dense().numpy(), after.dense().numpy(), strict=True)
+    return [(one.tobytes(), other.tobytes()) for one, other in pairs]
 
 
 def test_the_returned_network_is_an_average_over_updates(demonstrations: Demonstrations) -> None:

@@ -21,13 +21,12 @@ from moral_algorithms.learners.covering import (
     train_covering,
 )
 from moral_algorithms.learners.ppo import sampling_seed
-from moral_algorithms.networks.conditioned import RADIUS, ConditionedPolicy
-from moral_algorithms.networks.egocentric import EgocentricCrop
+from moral_algorithms.networks.conditioned import ConditionedPolicy
 from tests.algorithms.tiny import EMERGENCY, parameters, ppo_config, scalarised
 
 BUILT = EMERGENCY.build()
 SHAPE = (4, 5, 5)
-SIZE = EgocentricCrop(SHAPE, RADIUS).size
+CELLS = 4 * 5 * 5
 # One over the return of a policy that does nothing else, about.
 COMPONENTS = [
     PrimaryReward(BUILT.reward_names, "extinguish", 1.4),
@@ -57,11 +56,6 @@ def untrained() -> ConditionedPolicy:
         return ConditionedPolicy.build(SHAPE, BUILT.num_actions, 3, 50.0)
 
 
-def crops(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    cropped: NDArray[np.uint8] = EgocentricCrop(SHAPE, RADIUS)(torch.from_numpy(planes)).numpy()
-    return cropped
-
-
 def test_every_row_is_shown_and_paid_its_own_weights() -> None:
     venv, plain = conditioned_rewards(6), scalarised(EMERGENCY, 6)
     observations, planes = venv.reset(), plain.reset()
@@ -69,8 +63,8 @@ def test_every_row_is_shown_and_paid_its_own_weights() -> None:
     weights = venv.weights.copy()
     assert len(np.unique(weights, axis=0)) == 6
     for step in range(3 * BUILT.horizon):
-        np.testing.assert_array_equal(observations[:, :SIZE], crops(planes))
-        np.testing.assert_array_equal(observations[:, SIZE:], weights)
+        np.testing.assert_array_equal(observations[:, :CELLS], planes.reshape(6, -1))
+        np.testing.assert_array_equal(observations[:, CELLS:], weights)
         actions = rng.integers(BUILT.num_actions, size=6)
         stepped, rewards, dones, infos = venv.step(actions)
         plain_stepped, _, plain_dones, plain_infos = plain.step(actions)
@@ -84,10 +78,8 @@ def test_every_row_is_shown_and_paid_its_own_weights() -> None:
         for row in dones.nonzero()[0]:
             # The end of an episode belongs to the weights it was played under.
             last = infos[row]["terminal_observation"]
-            np.testing.assert_array_equal(last[SIZE:], weights[row])
-            np.testing.assert_array_equal(
-                last[:SIZE], crops(plain_infos[row]["terminal_observation"][None])[0]
-            )
+            np.testing.assert_array_equal(last[CELLS:], weights[row])
+            np.testing.assert_array_equal(last[:CELLS], plain_infos[row]["terminal_observation"].ravel())
             assert (venv.weights[row] != weights[row]).any()
         if not dones.any():
             np.testing.assert_array_equal(venv.weights, weights)
@@ -127,7 +119,8 @@ def test_a_fixed_weighting_folds_into_a_fast_policy(
         patch.setattr("moral_algorithms.networks.precision.has_fast_bfloat16", lambda device_type: False)
         planes = scalarised(EMERGENCY, 20, seed=5).reset()
         given_weights = np.tile(np.array(weights, dtype=np.float32), (20, 1))
-        seen = torch.from_numpy(np.concatenate([crops(planes), given_weights], axis=1, dtype=np.float32))
+        shown = np.concatenate([planes.reshape(20, -1), given_weights], axis=1, dtype=np.float32)
+        seen = torch.from_numpy(shown)
         folded = untrained.policy_at(weights)
         with torch.no_grad():
             wanted = untrained.get_distribution(seen).distribution

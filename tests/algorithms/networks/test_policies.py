@@ -9,7 +9,13 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 from torch import nn
 
-from moral_algorithms.networks.policies import POLICIES, ConvolutionalPolicy, EgocentricPolicy
+from moral_algorithms.networks.conditioned import ConditionedPolicy, conditioned_space
+from moral_algorithms.networks.policies import (
+    POLICIES,
+    ConvolutionalPolicy,
+    EgocentricPolicy,
+    EncodingRolloutBuffer,
+)
 from moral_envs import delivery_v0, emergency_v0
 from moral_envs.engine import Engine
 from moral_envs.world import NUM_ACTIONS, World
@@ -44,6 +50,69 @@ def test_a_policy_gives_actions_values_and_probabilities(name: str, world: World
     predicted, _ = policy.predict(engine.observe()[:, 0], deterministic=True)
     best = policy.get_distribution(observations).distribution.probs.argmax(dim=1)  # type: ignore[union-attr]
     np.testing.assert_array_equal(predicted, best)
+
+
+def test_the_fast_policy_evaluates_as_its_distribution_does() -> None:
+    policy = build("fast", WORLDS[1])
+    with torch.no_grad():
+        # Before training all actions are alike.
+        policy.action_net.weight *= 100
+    observations = torch.from_numpy(seeded_engine(WORLDS[1], 40).observe()[:, 0])
+    actions = torch.arange(40) % NUM_ACTIONS
+    distribution = policy.get_distribution(observations)
+    expected = distribution.log_prob(actions), distribution.entropy()
+    values, *found = policy.evaluate_actions(observations, actions)
+    torch.testing.assert_close(found, list(expected))
+    torch.testing.assert_close(values, policy.predict_values(observations))
+    assert distribution.entropy().std() > 0.01  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("conditioned", [False, True])
+def test_a_rollout_is_encoded_once_and_handed_out_by_rows(conditioned: bool) -> None:
+    world = emergency_v0.world(5, 5, 3, max_cycles=10)
+    shape = Engine(world).observation_shape
+    space = conditioned_space(shape, 2) if conditioned else spaces.Box(0, 1, shape, np.uint8)
+    actions = spaces.Discrete(NUM_ACTIONS)
+    torch.manual_seed(0)
+    policy = (
+        ConditionedPolicy.build(shape, NUM_ACTIONS, 2, 30.0)
+        if conditioned
+        else EgocentricPolicy(space, actions, lambda _: 1e-3)
+    )
+    buffer = EncodingRolloutBuffer(6, space, actions, n_envs=4)
+    buffer.policy = policy
+    rng = np.random.default_rng(0)
+    engine = seeded_engine(world, 4)
+    for _ in range(2):
+        buffer.reset()
+        seen = []
+        for _ in range(6):
+            observations = engine.observe()[:, 0]
+            if conditioned:
+                weights = rng.random((4, 2)) + 0.1
+                observations = np.concatenate([observations.reshape(4, -1), weights], 1, dtype=np.float32)
+            taken = rng.integers(NUM_ACTIONS, size=4)
+            with torch.no_grad():
+                value, logarithms, _ = policy.evaluate_actions(
+                    torch.from_numpy(observations), torch.from_numpy(taken)
+                )
+            seen.append((observations, taken, value[:, 0], logarithms))
+            buffer.add(observations, taken, rng.random(4), np.zeros(4), value, logarithms)
+            engine.step(taken[:, None])
+        buffer.compute_returns_and_advantage(torch.zeros(4), np.zeros(4))
+        for _ in range(2):
+            batches = list(buffer.get(10))
+            assert [len(batch.actions) for batch in batches] == [10, 10, 4]
+            for batch in batches:
+                with torch.no_grad():
+                    value, logarithms, _ = policy.evaluate_actions(
+                        batch.observations, batch.actions.flatten()
+                    )
+                # The same to half precision, which rounds batches of other sizes differently.
+                torch.testing.assert_close(value[:, 0], batch.old_values, atol=0.02, rtol=0.02)
+                torch.testing.assert_close(logarithms, batch.old_log_prob, atol=0.02, rtol=0.02)
+            everything = np.sort(np.concatenate([batch.old_values.numpy() for batch in batches]))
+            np.testing.assert_array_equal(everything, np.sort(np.concatenate([row[2] for row in seen])))
 
 
 @pytest.mark.parametrize("name", POLICIES)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
+from moral_algorithms.networks.egocentric import EgocentricCrop
 from moral_algorithms.networks.rewards import (
     REWARD_ARCHITECTURES,
-    CountingEncoding,
     RewardArchitecture,
     ShapedRewardNetwork,
 )
+from moral_algorithms.networks.sparse import Rows, SparseLinear, SparseRows
 from moral_envs import delivery_v0, emergency_v0
 from moral_envs.engine import Engine
 from moral_envs.world import World
@@ -53,7 +55,7 @@ def total(plane: int, factor: float) -> nn.Sequential:
 
 def test_the_reward_is_g_plus_discounted_difference_of_h(monkeypatch: pytest.MonkeyPatch) -> None:
     parts = iter([total(2, 3.0), total(1, 5.0)])
-    totals = RewardArchitecture(lambda shape: nn.Identity(), lambda shape: next(parts))
+    totals = RewardArchitecture(lambda shape: torch.from_numpy, lambda shape: next(parts))
     monkeypatch.setitem(REWARD_ARCHITECTURES, "totals", totals)
     network = ShapedRewardNetwork((3, 4, 4), "totals", gamma=0.5)
     states = torch.zeros(2, 3, 4, 4, dtype=torch.uint8)
@@ -68,6 +70,21 @@ def test_the_reward_is_g_plus_discounted_difference_of_h(monkeypatch: pytest.Mon
     assert values.dtype == torch.float32
 
 
+def as_matrix(rows: Rows) -> torch.Tensor:
+    """Encoded states as float32."""
+    return rows.dense() if isinstance(rows, SparseRows) else rows.float()
+
+
+def plain(network: nn.Sequential) -> nn.Sequential:
+    """The same layers, of which the first takes a matrix."""
+    layers = list(network)
+    if isinstance(layers[0], SparseLinear):
+        first = nn.Linear(layers[0].in_features, layers[0].out_features)
+        first.load_state_dict(layers[0].state_dict())
+        layers[0] = first
+    return nn.Sequential(*layers)
+
+
 @pytest.mark.parametrize("architecture", REWARD_ARCHITECTURES)
 @pytest.mark.parametrize("world", [EMERGENCY, DELIVERY], ids=["emergency", "delivery"])
 def test_every_architecture_composes_its_two_networks(architecture: str, world: World) -> None:
@@ -76,9 +93,12 @@ def test_every_architecture_composes_its_two_networks(architecture: str, world: 
     network = ShapedRewardNetwork(tuple(states.shape[1:]), architecture, gamma=0.9)  # type: ignore[arg-type]
     values = network(states, next_states)
     assert values.shape == (6,)
+    encoded = [as_matrix(network.encode(part.numpy())) for part in (states, next_states)]
     with torch.no_grad():
-        now, later = network.encoding(states.float()), network.encoding(next_states.float())
-        g, h, after = network.g(now), network.h(now), network.h(later)
+        g, h, after = (
+            plain(part)(inputs)
+            for part, inputs in ((network.g, encoded[0]), (network.h, encoded[0]), (network.h, encoded[1]))
+        )
     expected = (g + 0.9 * after - h).squeeze(1)
     # The network may multiply in bfloat16; its values are about 0.1.
     torch.testing.assert_close(values, expected, atol=5e-3, rtol=0)
@@ -116,7 +136,7 @@ def test_fast_tells_a_removed_object_from_one_out_of_sight() -> None:
     torch.manual_seed(0)
     network = ShapedRewardNetwork(Engine(DELIVERY).observation_shape, "fast")
     with torch.no_grad():
-        first, second = network.g(network.encoding(states))[:, 0].tolist()
+        (first, second), _ = network.values(network.encode(states.numpy().astype(np.uint8)))
     assert first != second
 
 
@@ -149,12 +169,51 @@ def test_a_constant_in_the_potential_costs_no_precision() -> None:
     np.testing.assert_allclose((after - before).numpy(), -1.0, atol=1e-5)
 
 
-def test_counts_are_ones_for_what_is_missing() -> None:
+@pytest.mark.parametrize("architecture", ["fast", "counting"])
+def test_values_combine_to_the_reward(architecture: str) -> None:
+    states, next_states = transitions(DELIVERY, 9)
+    torch.manual_seed(0)
+    network = ShapedRewardNetwork(Engine(DELIVERY).observation_shape, architecture, gamma=0.9)
+    with torch.no_grad():
+        g, h = network.values(network.encode(states.numpy()))
+        _, next_h = network.values(network.encode(next_states.numpy()))
+        combined = network.combine(g, h, next_h)
+        torch.testing.assert_close(combined, network(states, next_states), atol=5e-3, rtol=0)
+        torch.testing.assert_close(combined, g + 0.9 * next_h - h)
+
+
+def totals_seen(architecture: str, states: torch.Tensor) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """What follows the crop in encoded states, shape (n, C, k), and the totals, shape (n, C)."""
+    count, channels = states.shape[:2]
+    shape = tuple(states.shape[1:])
+    encoded = as_matrix(ShapedRewardNetwork(shape, architecture).encode(states.numpy()))  # type: ignore[arg-type]
+    cropped = EgocentricCrop(shape, 5)(states)  # type: ignore[arg-type]
+    torch.testing.assert_close(encoded[:, : cropped.shape[1]], cropped.float())
+    seen = encoded[:, cropped.shape[1] :].reshape(count, channels, -1).numpy()
+    return seen, states.flatten(2).sum(dim=2).numpy()
+
+
+@pytest.mark.parametrize("world", [EMERGENCY, DELIVERY], ids=["emergency", "delivery"])
+def test_fast_is_shown_a_tenth_of_the_totals(world: World) -> None:
+    seen, totals = totals_seen("fast", transitions(world, 7)[0])
+    np.testing.assert_allclose(seen[:, :, 0], totals * 0.1, rtol=1e-6)
+
+
+def test_counting_is_shown_ones_for_what_is_missing() -> None:
     states, _ = transitions(DELIVERY, 7)
-    channels = states.shape[1]
-    encoded = CountingEncoding(tuple(states.shape[1:]))(states)
-    unary = encoded[:, -16 * channels :].reshape(7, channels, 16)
-    totals = states.flatten(2).sum(dim=2)
-    for row, plane in np.ndindex(7, channels):
-        for count in range(1, 17):
-            assert unary[row, plane, count - 1] == (totals[row, plane] < count)
+    # More than can be counted, and nothing at all.
+    states[0, 2, 1:-1, 1:-1] = 1
+    states[1, 3] = 0
+    seen, totals = totals_seen("counting", states)
+    assert seen.shape == (7, 6, 16)
+    for count in range(1, 17):
+        np.testing.assert_array_equal(seen[:, :, count - 1], totals < count)
+
+
+def test_totals_of_large_grids_are_counted() -> None:
+    states = torch.zeros(1, 3, 20, 30, dtype=torch.uint8)
+    states[0, 1, 10, 10] = 1
+    states[0, 2] = 1
+    seen, totals = totals_seen("fast", states)
+    assert totals.tolist() == [[0, 1, 600]]
+    np.testing.assert_allclose(seen[0, :, 0], [0, 0.1, 60], rtol=1e-6)

@@ -14,6 +14,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 
 from moral_algorithms.bridge.vec_env import EngineVecEnv, Transitions
 from moral_algorithms.networks.rewards import ActionRewardEnsemble, ShapedRewardNetwork
+from moral_algorithms.networks.sparse import Rows
+from moral_algorithms.networks.stamps import Stamp, stamp
 
 
 class RewardComponent(Protocol):
@@ -64,23 +66,22 @@ class EncodedStates:
     Parameters
     ----------
     network
-        One of the networks; its encoding holds nothing that is learned.
+        One of the networks.
     remembered
         How many of the last batches are kept, so that each is encoded once for all. Arrays are told apart by
         identity: one that is given again must not have changed.
     """
 
     def __init__(self, network: ShapedRewardNetwork, remembered: int = 0) -> None:
-        self._encoding = network.encoding
-        self._device = next(network.parameters()).device
-        self._last: deque[tuple[NDArray[np.uint8], torch.Tensor]] = deque(maxlen=remembered)
+        self._encode = network.encode
+        self._last: deque[tuple[NDArray[np.uint8], Rows]] = deque(maxlen=remembered)
 
-    def __call__(self, states: NDArray[np.uint8]) -> torch.Tensor:
+    def __call__(self, states: NDArray[np.uint8]) -> Rows:
         """Encode states (n, C, H, W)."""
         for known, seen in self._last:
             if known is states:
                 return seen
-        encoded: torch.Tensor = self._encoding(torch.from_numpy(states).to(self._device))
+        encoded = self._encode(states)
         self._last.append((states, encoded))
         return encoded
 
@@ -109,14 +110,31 @@ class LearnedReward:
         self.network = network
         self.scale = scale
         self.encoded = EncodedStates(network)
+        self._last: tuple[NDArray[np.uint8], Stamp, tuple[torch.Tensor, torch.Tensor]] | None = None
+        self._remember = False
+
+    def share(self, encoded: EncodedStates) -> None:
+        """Take encoded states from there, and keep what they are worth: one step's next are the next's."""
+        self.encoded, self._remember = encoded, True
 
     def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
         """Compute rewards of shape (n,)."""
+        now = stamp(self.network)
         with torch.no_grad():
-            states = self.encoded(transitions.observations)
-            rewards = self.network.of_encoded(states, self.encoded(transitions.next_observations))
+            g, h = self._values(transitions.observations, now)
+            _, next_h = self._values(transitions.next_observations, now)
+            rewards = self.network.combine(g, h, next_h)
         array: NDArray[np.float32] = rewards.cpu().numpy() * np.float32(self.scale)
         return array
+
+    def _values(self, states: NDArray[np.uint8], now: Stamp) -> tuple[torch.Tensor, torch.Tensor]:
+        """Compute g and h, unless they have just been computed."""
+        if self._last is not None and self._last[0] is states and self._last[1] == now:
+            return self._last[2]
+        values = self.network.values(self.encoded(states))
+        if self._remember:
+            self._last = states, now, values
+        return values
 
 
 class LearnedActionReward:
@@ -159,7 +177,7 @@ def _share_encodings(components: Iterable[RewardComponent]) -> None:
             key = (component.network.architecture, device)
             if key not in shared:
                 shared[key] = EncodedStates(component.network, remembered=2)
-            component.encoded = shared[key]
+            component.share(shared[key])
 
 
 def require_weights(weights: ArrayLike, names: Sequence[str]) -> NDArray[np.float32]:

@@ -42,6 +42,7 @@ from moral_algorithms.learners.ppo import (
 )
 from moral_algorithms.networks.optimisers import EagerAdamW
 from moral_algorithms.networks.rewards import REWARD_ARCHITECTURES, ShapedRewardNetwork
+from moral_algorithms.networks.sparse import Rows, concatenate
 from moral_algorithms.run_directory import append_line
 from moral_algorithms.seeding import spawn_seeds
 
@@ -180,17 +181,23 @@ def episode_returns(network: ShapedRewardNetwork, states: NDArray[np.uint8]) -> 
     -------
     float64 array of shape (n,)
     """
-    device = next(network.parameters()).device
     total = np.zeros(len(states))
     with torch.no_grad():
         for step in range(states.shape[1] - 1):
-            now, after = (torch.from_numpy(states[:, step + i].copy()).to(device) for i in (0, 1))
-            total += network(now, after).cpu().numpy()
+            now, after = (network.encode(states[:, step + i].copy()) for i in (0, 1))
+            total += network.of_encoded(now, after).cpu().numpy()
     return total
 
 
-# Encoded states, as many encoded next states and log-probabilities of the actions (n,).
-_Sample = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+class _Sample(NamedTuple):
+    """Transitions."""
+
+    states: Rows
+    """Encoded."""
+    next_states: Rows
+    """As many, encoded."""
+    log_probabilities: torch.Tensor
+    """Of the actions, shape (n,)."""
 
 
 class Discriminator(BaseCallback):
@@ -240,7 +247,7 @@ class Discriminator(BaseCallback):
             fused=True,
         )
         self._demonstrations = demonstrations
-        self._rollout: list[tuple[torch.Tensor, torch.Tensor]] = []
+        self._rollout: list[tuple[Rows, Rows]] = []
         self._updates = 0
 
     def _on_step(self) -> bool:
@@ -264,10 +271,9 @@ class Discriminator(BaseCallback):
         self._rollout = []
         accuracies = [
             self._update(
-                *(
-                    torch.cat([fake[part], real[part]])
-                    for fake, real in zip(policy, demonstrations, strict=True)
-                )
+                concatenate([policy.states[part], demonstrations.states[part]]),
+                concatenate([policy.next_states[part], demonstrations.next_states[part]]),
+                torch.cat([policy.log_probabilities[part], demonstrations.log_probabilities[part]]),
             )
             for part in (slice(start, start + batch) for start in range(0, updates * batch, batch))
         ]
@@ -277,7 +283,7 @@ class Discriminator(BaseCallback):
             self.logger.record(f"airl/{name}", accuracy)
 
     def _update(
-        self, states: torch.Tensor, next_states: torch.Tensor, log_probabilities: torch.Tensor
+        self, states: Rows, next_states: Rows, log_probabilities: torch.Tensor
     ) -> tuple[float, float]:
         """Take one gradient step on a batch: first half the policy's transitions, second half demonstrated.
 
@@ -304,12 +310,12 @@ class Discriminator(BaseCallback):
     def _sample_policy(self, count: int) -> _Sample:
         """Draw states, next states and log-probabilities of actions from the last rollout."""
         assert isinstance(self.model, PPO)
-        states, next_states = (torch.stack(part) for part in zip(*self._rollout, strict=True))
+        states, next_states = (concatenate(part) for part in zip(*self._rollout, strict=True))
         # They are the current policy's: it has not been updated since.
-        log_probabilities = self.model.rollout_buffer.log_probs
-        taken = tuple(self._rng.integers(bound, size=count) for bound in log_probabilities.shape)
+        log_probabilities = self.model.rollout_buffer.log_probs.ravel()
+        taken = self._rng.integers(len(log_probabilities), size=count)
         chosen = torch.from_numpy(log_probabilities[taken]).to(self.model.device)
-        return states[taken], next_states[taken], chosen
+        return _Sample(states[taken], next_states[taken], chosen)
 
     def _sample_demonstrations(self, count: int) -> _Sample:
         """Draw the same from the demonstrations; the log-probabilities are the current policy's."""
@@ -317,13 +323,14 @@ class Discriminator(BaseCallback):
         demonstrations, device = self._demonstrations, self.model.device
         episodes = self._rng.integers(demonstrations.num_episodes, size=count)
         steps = self._rng.integers(demonstrations.actions.shape[1], size=count)
-        states = torch.from_numpy(demonstrations.states[episodes, steps]).to(device)
-        next_states = torch.from_numpy(demonstrations.states[episodes, steps + 1]).to(device)
+        states = demonstrations.states[episodes, steps]
         actions = torch.from_numpy(demonstrations.actions[episodes, steps].astype(np.int64)).to(device)
         with torch.no_grad():
-            _, log_probabilities, _ = self.model.policy.evaluate_actions(states, actions)
-            encoding = self._network.encoding
-            return encoding(states), encoding(next_states), log_probabilities
+            _, log_probabilities, _ = self.model.policy.evaluate_actions(
+                torch.from_numpy(states).to(device), actions
+            )
+        encode = self._network.encode
+        return _Sample(encode(states), encode(demonstrations.states[episodes, steps + 1]), log_probabilities)
 
 
 class _Record(BaseCallback):

@@ -14,15 +14,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from moral_algorithms.bridge import EngineVecEnv, PrimaryReward, RewardComponent, ScalarisedRewards
 from moral_algorithms.learners.ppo import OnProgress, PPOConfig, learn, make_ppo, standard_callbacks
-from moral_algorithms.networks.conditioned import RADIUS, ConditionedPolicy, conditioned_space
-from moral_algorithms.networks.egocentric import EgocentricCrop
+from moral_algorithms.networks.conditioned import ConditionedPolicy, conditioned_space
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.worlds import WorldSpec
 
@@ -91,7 +89,7 @@ def draw_weights(
 class ConditionedRewards(VecEnvWrapper):
     """Scalarises every environment with weights of its own and shows them to the policy.
 
-    Observations are float32 vectors: the crop around the agent, then the weights. An environment's weights
+    Observations are float32 vectors: the planes, then the weights. An environment's weights
     stay for an episode; its terminal observation holds those it was played under.
 
     Parameters
@@ -113,7 +111,6 @@ class ConditionedRewards(VecEnvWrapper):
         shape = venv.venv.engine.observation_shape
         components = len(venv.components)
         super().__init__(venv, observation_space=conditioned_space(shape, components))
-        self._crop = EgocentricCrop(shape, RADIUS)
         self._draw = draw
         self.weights = np.full((self.num_envs, components), 1 / components, dtype=np.float32)
 
@@ -137,9 +134,9 @@ class ConditionedRewards(VecEnvWrapper):
             self.weights[ended] = self._draw(ended.size)
         return self._observe(observations, self.weights), rewards, dones, infos
 
-    def _observe(self, planes: NDArray[np.uint8], weights: NDArray[np.float32]) -> NDArray[np.float32]:
-        crops = self._crop(torch.from_numpy(planes)).numpy()
-        return np.concatenate([crops, weights], axis=1, dtype=np.float32)
+    @staticmethod
+    def _observe(planes: NDArray[np.uint8], weights: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.concatenate([planes.reshape(len(planes), -1), weights], axis=1, dtype=np.float32)
 
 
 def train_covering(

@@ -22,12 +22,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from moral_algorithms.bridge import ScalarisedRewards
 from moral_algorithms.learners.checkpoints import load_optimiser_state, optimiser_state
-from moral_algorithms.networks.policies import (
-    POLICIES,
-    CroppingRolloutBuffer,
-    EgocentricFeatures,
-    EgocentricPolicy,
-)
+from moral_algorithms.networks.policies import POLICIES, EncodingPolicy, EncodingRolloutBuffer
 from moral_algorithms.storage import Arrays, arrays_under
 
 
@@ -136,14 +131,14 @@ def make_ppo(
         gae_lambda=config.gae_lambda,
         clip_range=config.clip_range,
         ent_coef=config.entropy_start,
-        rollout_buffer_class=CroppingRolloutBuffer if issubclass(policy, EgocentricPolicy) else RolloutBuffer,
+        rollout_buffer_class=EncodingRolloutBuffer if issubclass(policy, EncodingPolicy) else RolloutBuffer,
         policy_kwargs={"optimizer_kwargs": {"fused": True}, **(policy_arguments or {})},
         seed=seed,
         device=device,
     )
-    if isinstance(model.rollout_buffer, CroppingRolloutBuffer):
-        assert isinstance(model.policy.features_extractor, EgocentricFeatures)
-        model.rollout_buffer.crop = model.policy.features_extractor.crop
+    if isinstance(model.rollout_buffer, EncodingRolloutBuffer):
+        assert isinstance(model.policy, EncodingPolicy)
+        model.rollout_buffer.policy = model.policy
     # Without a folder, Stable-Baselines3's `configure` would leave an empty one among the temporary files.
     model.set_logger(
         Logger(None, []) if tensorboard is None else configure(str(tensorboard), ["tensorboard"])

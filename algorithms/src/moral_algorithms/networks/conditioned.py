@@ -6,22 +6,22 @@ ordinary ``fast`` policy.
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from gymnasium import spaces
-from numpy.typing import ArrayLike
-from stable_baselines3.common.policies import ActorCriticPolicy
+from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from moral_algorithms.bridge.reward_vector import require_weights
-from moral_algorithms.networks.egocentric import EgocentricCrop
+from moral_algorithms.networks.egocentric import SparseEgocentricCrop
 from moral_algorithms.networks.optimisers import EagerAdam
-from moral_algorithms.networks.policies import EgocentricPolicy
+from moral_algorithms.networks.policies import EgocentricPolicy, EncodingPolicy, perceptron, to_array
 from moral_algorithms.networks.precision import fast_matmul
+from moral_algorithms.networks.sparse import Index, SparseRows
 
 RADIUS = 5
 HIDDEN = (256, 256)
@@ -29,6 +29,20 @@ HIDDEN = (256, 256)
 # A handful of weights stands beside hundreds of cells. On the cells' scale training hardly sees them, and the
 # policy becomes the same for all; on a much larger one it learns slowly.
 _LOUDNESS = 8.0
+
+
+class ConditionedRows(NamedTuple):
+    """Encoded observations of a policy for all weights."""
+
+    planes: SparseRows
+    """The crop around the agent, n rows."""
+    weights: torch.Tensor
+    """float32 of shape (n, d)."""
+
+    def __getitem__(self, index: Index) -> ConditionedRows:  # type: ignore[override]
+        """Take some of the rows."""
+        planes, weights = self
+        return ConditionedRows(planes[index], weights[index])
 
 
 class ConditionedFeatures(BaseFeaturesExtractor):
@@ -40,9 +54,9 @@ class ConditionedFeatures(BaseFeaturesExtractor):
     Parameters
     ----------
     observation_space
-        Crops followed by weights, shape (crop_size + d,).
-    components
-        Number d of weights.
+        As :func:`conditioned_space` makes it.
+    shape
+        Shape (C, H, W) of the planes.
     span
         Ratio to the largest weight below which weights look alike, above 1.
     hidden
@@ -50,16 +64,22 @@ class ConditionedFeatures(BaseFeaturesExtractor):
     """
 
     def __init__(
-        self, observation_space: spaces.Box, components: int, span: float, hidden: tuple[int, ...]
+        self, observation_space: spaces.Box, shape: tuple[int, int, int], span: float, hidden: tuple[int, ...]
     ) -> None:
         super().__init__(observation_space, hidden[-1])
-        self.crop_size = observation_space.shape[0] - components
+        self.shape = shape
         self.span = span
-        layers: list[nn.Module] = []
-        for inputs, outputs in pairwise((self.crop_size, *hidden)):
-            layers += [nn.Linear(inputs, outputs), nn.ReLU()]
-        self.layers = nn.Sequential(*layers)
+        self.crop = SparseEgocentricCrop(shape, RADIUS)
+        components = observation_space.shape[0] - math.prod(shape)
+        self.layers = perceptron((self.crop.size, *hidden))
         self.conditioning = nn.Linear(2 * components, hidden[0], bias=False)
+
+    def encode(self, observations: NDArray[np.float32]) -> ConditionedRows:
+        """Take planes and weights (n, C * H * W + d) apart."""
+        cells = math.prod(self.shape)
+        planes = observations[:, :cells].astype(np.uint8).reshape(-1, *self.shape)
+        weights = torch.from_numpy(observations[:, cells:].copy())
+        return ConditionedRows(self.crop(planes), weights.to(self.conditioning.weight.device))
 
     def shift(self, weights: torch.Tensor) -> torch.Tensor:
         """Compute what weights (n, d), not all zero, add to the first layer, shape (n, hidden[0])."""
@@ -70,27 +90,27 @@ class ConditionedFeatures(BaseFeaturesExtractor):
         shift: torch.Tensor = self.conditioning(_LOUDNESS * torch.cat([shares, logarithms], dim=1))
         return shift
 
-    def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Features (n, hidden[-1]) of crops and weights, float32 of shape (n, crop_size + d)."""
-        # In full precision: half would round the weights.
-        shift = self.shift(observations[:, self.crop_size :])
-        with fast_matmul(observations.device):
-            features: torch.Tensor = self.layers[1:](
-                self.layers[0](observations[:, : self.crop_size]) + shift
-            )
+    def forward(self, observations: torch.Tensor | ConditionedRows) -> torch.Tensor:
+        """Features (n, hidden[-1]) of planes and weights, or of what ``encode`` makes of them."""
+        if isinstance(observations, torch.Tensor):
+            observations = self.encode(to_array(observations))
+        planes, weights = observations
+        first = self.layers[0](planes) + self.shift(weights)
+        with fast_matmul(first.device):
+            features: torch.Tensor = self.layers[1:](first)
         return features.float()
 
 
-class ConditionedPolicy(ActorCriticPolicy):
+class ConditionedPolicy(EncodingPolicy):
     """Actor and critic as linear heads on shared :class:`ConditionedFeatures`.
 
     Parameters
     ----------
     *args, **kwargs
         For :class:`~stable_baselines3.common.policies.ActorCriticPolicy`; observations are float32 vectors,
-        an :class:`~moral_algorithms.networks.egocentric.EgocentricCrop` of :data:`RADIUS` and the weights.
+        planes and weights one after the other.
     shape
-        Shape (C, H, W) of the planes that are cropped.
+        Shape (C, H, W) of the planes.
     components
         Number d of weights.
     span
@@ -107,7 +127,7 @@ class ConditionedPolicy(ActorCriticPolicy):
         kwargs.update(
             net_arch=[],
             features_extractor_class=ConditionedFeatures,
-            features_extractor_kwargs={"components": components, "span": span, "hidden": HIDDEN},
+            features_extractor_kwargs={"shape": shape, "span": span, "hidden": HIDDEN},
         )
         super().__init__(*args, **kwargs)
 
@@ -152,6 +172,5 @@ class ConditionedPolicy(ActorCriticPolicy):
 
 
 def conditioned_space(shape: tuple[int, int, int], components: int) -> spaces.Box:
-    """Space of crops of planes (C, H, W), followed by weights."""
-    size = EgocentricCrop(shape, RADIUS).size + components
-    return spaces.Box(0, 1, shape=(size,), dtype=np.float32)
+    """Space of flattened planes (C, H, W), followed by weights."""
+    return spaces.Box(0, 1, shape=(math.prod(shape) + components,), dtype=np.float32)

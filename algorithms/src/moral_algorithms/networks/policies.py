@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
+import numpy as np
 import torch
 from gymnasium import spaces
+from numpy.typing import NDArray
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from torch import nn
+from torch.nn import functional
 
-from moral_algorithms.networks.egocentric import EgocentricCrop
+from moral_algorithms.networks.egocentric import SparseEgocentricCrop
 from moral_algorithms.networks.optimisers import EagerAdam
 from moral_algorithms.networks.precision import fast_matmul
+from moral_algorithms.networks.sparse import Index, SparseLinear, SparseRows
 
 
 class EgocentricFeatures(BaseFeaturesExtractor):
@@ -35,31 +38,62 @@ class EgocentricFeatures(BaseFeaturesExtractor):
     def __init__(self, observation_space: spaces.Box, radius: int, hidden: tuple[int, ...]) -> None:
         super().__init__(observation_space, hidden[-1])
         channels, height, width = observation_space.shape
-        self.crop = EgocentricCrop((channels, height, width), radius)
-        layers: list[nn.Module] = []
-        for inputs, outputs in pairwise((self.crop.size, *hidden)):
-            layers += [nn.Linear(inputs, outputs), nn.ReLU()]
-        self.layers = nn.Sequential(*layers)
+        self.encode = SparseEgocentricCrop((channels, height, width), radius)
+        self.layers = perceptron((self.encode.size, *hidden))
 
-    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+    def forward(self, observations: torch.Tensor | SparseRows) -> torch.Tensor:
         """Features of a batch.
 
         Parameters
         ----------
         observations
-            0/1 planes of any dtype, shape (n, C, H, W), or crops of them, shape (n, crop.size).
+            0/1 planes of any dtype, shape (n, C, H, W), or what ``encode`` makes of them.
 
         Returns
         -------
         float32 tensor of shape (n, hidden[-1])
         """
-        crops = observations if observations.dim() == 2 else self.crop(observations)
-        with fast_matmul(observations.device):
-            features: torch.Tensor = self.layers(crops.float())
+        rows = self.encode(to_array(observations)) if isinstance(observations, torch.Tensor) else observations
+        with fast_matmul(next(self.parameters()).device):
+            features: torch.Tensor = self.layers(rows)
         return features.float()
 
 
-class EgocentricPolicy(ActorCriticPolicy):
+class Encoded(Protocol):
+    """Encoded observations of some rows."""
+
+    def __getitem__(self, index: Index, /) -> Encoded:
+        """Take some of the rows."""
+        ...
+
+
+class EncodingPolicy(ActorCriticPolicy):
+    """An actor and critic whose features extractor has a part in which nothing is learned, ``encode``.
+
+    It takes an array of observations (n, ...) and makes what ``forward`` takes instead of them: something
+    :class:`Encoded`.
+    """
+
+    def extract_features(
+        self, obs: Any, features_extractor: BaseFeaturesExtractor | None = None
+    ) -> torch.Tensor:
+        """Features of observations or of what they were encoded as."""
+        # Without SB3's preprocessing, which makes whole planes float32 only to cut most of them away.
+        features: torch.Tensor = (features_extractor or self.features_extractor)(obs)
+        return features
+
+    def evaluate_actions(
+        self, obs: Any, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Values (n, 1), and logarithms of actions' probabilities and entropies, both (n,)."""
+        # SB3's distribution normalises logits twice and makes probabilities of them once more.
+        latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
+        logarithms = functional.log_softmax(self.action_net(latent_pi), dim=1)
+        entropies = -(logarithms.exp() * logarithms).sum(dim=1)
+        return self.value_net(latent_vf), logarithms.gather(1, actions.long()[:, None])[:, 0], entropies
+
+
+class EgocentricPolicy(EncodingPolicy):
     """Actor and critic as linear heads on shared :class:`EgocentricFeatures`.
 
     Parameters
@@ -83,32 +117,46 @@ class EgocentricPolicy(ActorCriticPolicy):
         )
         super().__init__(*args, **kwargs)
 
-    def extract_features(  # type: ignore[override]
-        self, obs: torch.Tensor, features_extractor: BaseFeaturesExtractor | None = None
-    ) -> torch.Tensor:
-        """Features of planes (n, C, H, W) or of their crops (n, size)."""
-        # Without SB3's preprocessing, which makes whole planes float32 only to cut most of them away.
-        features: torch.Tensor = (features_extractor or self.features_extractor)(obs)
-        return features
 
-
-class CroppingRolloutBuffer(RolloutBuffer):
-    """SB3's rollout buffer; it hands out crops of the observations, made once instead of once an epoch.
+class EncodingRolloutBuffer(RolloutBuffer):
+    """SB3's rollout buffer; what it hands out is encoded once, instead of in every epoch.
 
     Attributes
     ----------
-    crop : EgocentricCrop
-        Makes them. SB3 builds the buffer before the policy: whoever builds both gives it the policy's.
+    policy : EncodingPolicy
+        Whose encoding it is. SB3 builds the buffer before the policy: whoever builds both sets it.
     """
 
-    crop: EgocentricCrop
+    policy: EncodingPolicy
 
-    def get(self, batch_size: int | None = None) -> Generator[RolloutBufferSamples, None, None]:
-        """Minibatches of the full buffer in random order, ``observations`` of shape (batch_size, size)."""
-        if not self.generator_ready:
-            crops = self.crop(self.to_torch(self.observations.reshape(-1, *self.obs_shape), copy=False))
-            self.observations = crops.cpu().numpy().reshape(self.buffer_size, self.n_envs, -1)
-        yield from super().get(batch_size)
+    def reset(self) -> None:
+        """Forget the rollout."""
+        super().reset()
+        self._encoded: Encoded | None = None
+
+    def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> RolloutBufferSamples:
+        """Take a minibatch of the full buffer, its ``observations`` encoded."""
+        if self._encoded is None:
+            self._encoded = self.policy.features_extractor.encode(self.observations)  # type: ignore[operator]
+        assert self._encoded is not None
+        others = (self.actions, self.values, self.log_probs, self.advantages, self.returns)
+        actions, *scalars = (self.to_torch(values[batch_inds], copy=False) for values in others)
+        encoded: Any = self._encoded[batch_inds]
+        return RolloutBufferSamples(encoded, actions, *(values.flatten() for values in scalars))
+
+
+def perceptron(sizes: tuple[int, ...]) -> nn.Sequential:
+    """Build layers for sparse rows of ``sizes[0]`` inputs, each followed by a ReLU."""
+    layers: list[nn.Module] = [SparseLinear(sizes[0], sizes[1]), nn.ReLU()]
+    for inputs, outputs in pairwise(sizes[1:]):
+        layers += [nn.Linear(inputs, outputs), nn.ReLU()]
+    return nn.Sequential(*layers)
+
+
+def to_array(observations: torch.Tensor) -> NDArray[Any]:
+    """Observations as an array, of the same memory if it can be."""
+    array: NDArray[Any] = observations.cpu().numpy()
+    return array
 
 
 class _ConvolutionalTrunk(BaseFeaturesExtractor):

@@ -6,12 +6,23 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from moral_algorithms.networks.egocentric import EgocentricCrop
+from moral_algorithms.networks.egocentric import EgocentricCrop, SparseEgocentricCrop
 from moral_algorithms.networks.precision import fast_matmul
+from moral_algorithms.networks.sparse import (
+    Choices,
+    Rows,
+    SparseLinear,
+    SparseRows,
+    Stock,
+    Vectors,
+    concatenate,
+)
 
 Shape = tuple[int, int, int]
 
@@ -19,55 +30,75 @@ _COUNTED = 16
 """Objects of a kind that can be counted in unary."""
 
 
-class EgocentricEncoding(nn.Module):
+class SurroundingsAndTotals:
     """The crop around the agent and how much of each plane is left in the whole grid; nothing to learn.
 
     From the crop alone, an object that was removed looks like one that was left behind.
+
+    Parameters
+    ----------
+    shape
+        Shape (C, H, W) of a state.
+    shown
+        What the network is shown for a total of 0, 1, 2 and so on, float32 of shape (most + 1, k); larger
+        totals are shown as the last.
+    radius
+        Cells seen in each direction.
+
+    Attributes
+    ----------
+    size : int
+        Length of an encoded state.
     """
 
-    def __init__(self, shape: Shape, radius: int = 5) -> None:
-        super().__init__()
-        self.crop = EgocentricCrop(shape, radius)
-        self.size = self.crop.size + shape[0]
+    def __init__(self, shape: Shape, shown: torch.Tensor, radius: int = 5) -> None:
+        channels = shape[0]
+        totals, inputs = shown.shape
+        self._crop = SparseEgocentricCrop(shape, radius)
+        self.size = self._crop.size + channels * inputs
+        firsts = range(self._crop.size, self.size, inputs)
+        parts = [Vectors(slice(first, first + inputs), shown) for first in firsts]
+        self._stock = Stock(self.size, (*self._crop.stock.parts, *parts))
+        self._most = totals - 1
+        self._firsts = self._crop.stock.count + np.arange(channels) * totals
 
-    def forward(self, states: torch.Tensor) -> torch.Tensor:
-        """Encode states (n, C, H, W), 0/1 planes of any dtype, as float32 (n, size)."""
-        # A tenth, so that counts and 0/1 cells enter on one scale.
-        return torch.cat([self.crop(states).float(), _totals(states) * 0.1], dim=1)
+    def __call__(self, states: NDArray[np.uint8]) -> SparseRows:
+        """Encode states (n, C, H, W), 0/1 planes."""
+        count, channels = states.shape[:2]
+        totals = np.minimum(_totals(states), self._most) + self._firsts
+        choices = Choices(np.repeat(np.arange(count), channels), totals.ravel())
+        return SparseRows.of([*self._crop.choices(states), choices], count, self._stock)
 
 
-class CountingEncoding(nn.Module):
-    """As :class:`EgocentricEncoding`, the totals in unary: a one for each of 1 to 16 that is not reached.
+def _totals(states: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Count the ones on each plane of states (n, C, H, W), shape (n, C)."""
+    # Bytes are added up fastest in a byte, which holds no more than 255, and by PyTorch.
+    parts = torch.split(torch.from_numpy(states).flatten(2), 255, dim=2)
+    sums: NDArray[np.int64] = (
+        torch.stack([part.sum(dim=2, dtype=torch.uint8) for part in parts]).sum(0).numpy()
+    )
+    return sums
+
+
+def _with_numbers(shape: Shape) -> SurroundingsAndTotals:
+    """Show totals as numbers; a tenth of them, so that they and the cells enter on one scale."""
+    _, height, width = shape
+    return SurroundingsAndTotals(shape, torch.arange(height * width + 1)[:, None] * 0.1)
+
+
+def _with_counts(shape: Shape) -> SurroundingsAndTotals:
+    """Show totals in unary: a one for each of 1 to 16 that is not reached.
 
     As a number on the scale of a cell, one vase of eight more or less hardly shows. A one is what is missing,
     for what has never been missing then has no part in the reward: weight decay forgets it.
     """
-
-    def __init__(self, shape: Shape, radius: int = 5) -> None:
-        super().__init__()
-        self.crop = EgocentricCrop(shape, radius)
-        self.register_buffer("_steps", torch.arange(1, _COUNTED + 1), persistent=False)
-        self.size = self.crop.size + shape[0] * _COUNTED
-
-    _steps: torch.Tensor
-
-    def forward(self, states: torch.Tensor) -> torch.Tensor:
-        """Encode states (n, C, H, W), 0/1 planes of any dtype, as (n, size) of the same dtype."""
-        missing = _totals(states)[:, :, None] < self._steps
-        return torch.cat([self.crop(states), missing.flatten(1).to(states.dtype)], dim=1)
-
-
-def _totals(states: torch.Tensor) -> torch.Tensor:
-    """Count the ones on each plane of states (n, C, H, W), as int32 of shape (n, C)."""
-    # Bytes are added up fastest in a byte, which holds no more than 255.
-    parts = torch.split(states.flatten(2), 255, dim=2)
-    return torch.stack([part.sum(dim=2, dtype=torch.uint8) for part in parts]).sum(dim=0, dtype=torch.int32)
+    return SurroundingsAndTotals(shape, torch.ones(_COUNTED + 1, _COUNTED).triu())
 
 
 def _encoded_value(size: int, hidden: int = 128) -> nn.Sequential:
-    """Build a perceptron on an encoding of so many numbers."""
+    """Build a perceptron on an encoding of so many inputs."""
     return nn.Sequential(
-        nn.Linear(size, hidden),
+        SparseLinear(size, hidden),
         nn.LeakyReLU(),
         nn.Linear(hidden, hidden),
         nn.LeakyReLU(),
@@ -76,11 +107,11 @@ def _encoded_value(size: int, hidden: int = 128) -> nn.Sequential:
 
 
 def _egocentric_value(shape: Shape) -> nn.Sequential:
-    return _encoded_value(EgocentricEncoding(shape).size)
+    return _encoded_value(_with_numbers(shape).size)
 
 
 def _counting_value(shape: Shape) -> nn.Sequential:
-    return _encoded_value(CountingEncoding(shape).size)
+    return _encoded_value(_with_counts(shape).size)
 
 
 def _perceptron_value(shape: Shape) -> nn.Sequential:
@@ -111,21 +142,21 @@ def _convolutional_value(shape: Shape) -> nn.Sequential:
 class RewardArchitecture(NamedTuple):
     """What g and h are made of, as functions of the shape (C, H, W) of a state."""
 
-    encoding: Callable[[Shape], nn.Module]
-    """Makes the input that g and h share."""
+    encoding: Callable[[Shape], Callable[[NDArray[np.uint8]], Rows]]
+    """Makes what turns states (n, C, H, W) into the input that g and h share; it learns nothing."""
     value: Callable[[Shape], nn.Sequential]
     """Makes g, and h: a network from that input to (n, 1) that ends in a linear layer."""
 
 
-def _as_it_is(shape: Shape) -> nn.Module:
-    return nn.Identity()
+def _as_they_are(shape: Shape) -> Callable[[NDArray[np.uint8]], Rows]:
+    return torch.from_numpy
 
 
 REWARD_ARCHITECTURES = {
-    "fast": RewardArchitecture(EgocentricEncoding, _egocentric_value),
-    "counting": RewardArchitecture(CountingEncoding, _counting_value),
-    "mlp": RewardArchitecture(_as_it_is, _perceptron_value),
-    "conv": RewardArchitecture(_as_it_is, _convolutional_value),
+    "fast": RewardArchitecture(_with_numbers, _egocentric_value),
+    "counting": RewardArchitecture(_with_counts, _counting_value),
+    "mlp": RewardArchitecture(_as_they_are, _perceptron_value),
+    "conv": RewardArchitecture(_as_they_are, _convolutional_value),
 }
 """The architectures by name."""
 
@@ -158,7 +189,7 @@ class ShapedRewardNetwork(nn.Module):
         self.architecture = architecture
         self.gamma = gamma
         encoding, value = REWARD_ARCHITECTURES[architecture]
-        self.encoding = encoding(shape)
+        self._encoding = encoding(shape)
         self.g = value(shape)
         self.h = value(shape)
 
@@ -176,21 +207,33 @@ class ShapedRewardNetwork(nn.Module):
         """
         assert states.shape[1:] == self.shape, f"{tuple(states.shape)} is not (n, *{self.shape})"
         assert states.shape == next_states.shape, f"{tuple(states.shape)} is not {tuple(next_states.shape)}"
-        return self.of_encoded(self.encoding(states), self.encoding(next_states))
+        return self.of_encoded(self.encode(states.cpu().numpy()), self.encode(next_states.cpu().numpy()))
 
-    def of_encoded(self, states: torch.Tensor, next_states: torch.Tensor) -> torch.Tensor:
-        """Rewards (n,) of states and next states that have been through ``encoding``."""
-        count = states.shape[0]
-        both = torch.cat([states, next_states]).float()
-        potentials, base = _apply(self.h, both), _apply(self.g, both[:count])
-        rewards: torch.Tensor = base + self.gamma * potentials[count:] - potentials[:count]
-        return rewards.squeeze(1)
+    def encode(self, states: NDArray[np.uint8]) -> Rows:
+        """Make of states (n, C, H, W), 0/1 planes, what g and h share; nothing is learned in it."""
+        encoded = self._encoding(states)
+        return encoded.to(next(self.parameters()).device) if isinstance(encoded, torch.Tensor) else encoded
+
+    def of_encoded(self, states: Rows, next_states: Rows) -> torch.Tensor:
+        """Rewards (n,) of states and next states that have been through ``encode``."""
+        count = len(states)
+        potentials = _apply(self.h, concatenate([states, next_states]))[:, 0]
+        return self.combine(_apply(self.g, states)[:, 0], potentials[:count], potentials[count:])
+
+    def values(self, states: Rows) -> tuple[torch.Tensor, torch.Tensor]:
+        """Compute g and h, both of shape (n,), of states that have been through ``encode``."""
+        return _apply(self.g, states)[:, 0], _apply(self.h, states)[:, 0]
+
+    def combine(self, g: torch.Tensor, h: torch.Tensor, next_h: torch.Tensor) -> torch.Tensor:
+        """Compute f, all of shape (n,)."""
+        return g + self.gamma * next_h - h
 
 
-def _apply(network: nn.Sequential, inputs: torch.Tensor) -> torch.Tensor:
+def _apply(network: nn.Sequential, inputs: Rows) -> torch.Tensor:
     """Apply g or h, the last layer in full precision: f is a small difference of large potentials."""
-    with fast_matmul(inputs.device):
-        latent = network[:-1](inputs)
+    rows = inputs if isinstance(inputs, SparseRows) else inputs.float()
+    with fast_matmul(next(network.parameters()).device):
+        latent = network[:-1](rows)
     values: torch.Tensor = network[-1](latent.float())
     return values
 
@@ -253,14 +296,14 @@ class ActionRewardArchitecture(NamedTuple):
     """What r(s, a) is made of, as functions of the shape (C, H, W) of a state."""
 
     encoding: Callable[[Shape], nn.Module]
-    """Makes the input that the members of an ensemble share."""
+    """Makes the input that the members of an ensemble share; it learns nothing."""
     value: Callable[[Shape, int], nn.Module]
     """Makes, for a number of actions, a network from that input and the actions to (n, 1)."""
 
 
 ACTION_REWARD_ARCHITECTURES = {
     "fast": ActionRewardArchitecture(_surroundings, _EgocentricActionValue),
-    "paper": ActionRewardArchitecture(_as_it_is, _ConvolutionalActionValue),
+    "paper": ActionRewardArchitecture(lambda shape: nn.Identity(), _ConvolutionalActionValue),
 }
 """The architectures of r(s, a) by name."""
 

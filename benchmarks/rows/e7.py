@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import exceeds, spread
-from benchmarks.rows.drawing import BLUE, CYCLE, GREEN, ORANGE, curves, over_seeds, panels
+from benchmarks.rows.drawing import BLUE, CYCLE, GREEN, ORANGE, RED, curves, over_seeds, panels
 from benchmarks.rows.e6 import utilities
 from benchmarks.rows.e8 import moral
 from benchmarks.stages import Aligned
@@ -24,7 +24,8 @@ _SEEDS = 5
 def runs(profile: Profile) -> list[Run]:
     """List every number of queries without noise, and every noise with 25 queries.
 
-    The strongest noise comes once more, under a likelihood that expects as much of it.
+    The strongest noise comes twice more: under a likelihood that expects no random answers, as the thesis's,
+    and under one that expects as many as there are.
     """
     found: list[Run] = [
         moral(profile, seed, queries) for queries in _QUERIES for seed in seeds(profile, _SEEDS)
@@ -36,14 +37,14 @@ def runs(profile: Profile) -> list[Run]:
             found.append(noisy)
             # The thesis's likelihood knows of no random answers.
             if noise == max(_NOISE) and plain.config.likelihood != "exponential":
-                found.append(replace(noisy, config=replace(plain.config, lapse=noise)))
+                found += [replace(noisy, config=replace(plain.config, lapse=lapse)) for lapse in (0.0, noise)]
     return found
 
 
 def judge(results: Results) -> list[Check]:
     """Compare with the thesis's observations and our bars."""
     by_queries, by_noise = _sorted(results)
-    expected = _expected(results)
+    others = _by_lapse(results)
     checks = []
     if 10 in by_queries:
         saved, goal = _objectives(by_queries[10])
@@ -74,30 +75,28 @@ def judge(results: Results) -> list[Check]:
             )
         )
     if 0.0 in by_noise and 0.3 in by_noise:
-        ratios = [
-            float(np.mean(noisy) / np.mean(exact))
-            for noisy, exact in zip(_objectives(by_noise[0.3]), _objectives(by_noise[0.0]), strict=True)
-        ]
-        checks.append(
-            Check(
-                "noise 0.3 reaches people saved and goal time within 5 % of no noise",
-                f"{100 * ratios[0]:.1f} % and {100 * ratios[1]:.1f} %",
-                min(ratios) >= 0.95,
-                "ours",
+        reached = _shares(by_noise[0.3], by_noise[0.0])
+        value = f"{100 * reached[0]:.1f} % and {100 * reached[1]:.1f} %"
+        if 0.0 in others:
+            unexpected = _shares(others[0.0], by_noise[0.0])
+            value += (
+                f"; {100 * unexpected[0]:.1f} % and {100 * unexpected[1]:.1f} % under a likelihood that "
+                "expects no random answers (lapse 0)"
             )
-        )
+        claim = "noise 0.3 reaches people saved and goal time within 5 % of no noise"
+        checks.append(Check(claim, value, min(reached) >= 0.95, "ours"))
         saved, _ = _objectives(by_noise[0.3])
         checks.append(
             Check(
                 "noise 0.3 loses no people", f"{spread(saved)} saved", bool(np.mean(saved) >= 5.76), "thesis"
             )
         )
-    if expected:
-        saved, goal = _objectives(expected)
+    if 0.3 in others:
+        saved, goal = _objectives(others[0.3])
         checks.append(
             Check(
-                "noise 0.3 under a likelihood that expects it (lapse 0.3): at least 5.9 saved and 50 goal "
-                "steps in every seed",
+                "noise 0.3 under a likelihood that expects as much (lapse 0.3): at least 5.9 saved and 50 "
+                "goal steps in every seed",
                 f"{spread(saved)} saved; {spread(goal)} goal steps",
                 min(saved) >= 5.9 and min(goal) >= 50,
                 "ours",
@@ -124,23 +123,25 @@ def draw(results: Results) -> Figure:
         second.set_ylabel("goal time", color=ORANGE)
         second.set(ylim=(0, 63))
         second.spines["top"].set_visible(False)
-    expected = _expected(results)
-    if expected:
-        beside = max(run.teacher.noise for run, _ in results.of(Aligned)) + 0.012
-        saved, _ = _objectives(expected)
-        over_seeds(axes[1], [beside], [saved], GREEN, "people saved,\nnoise expected")
+    strongest = max(by_noise, default=0.0)
+    for place, (lapse, found) in enumerate(_by_lapse(results).items(), start=1):
+        saved, _ = _objectives(found)
+        label = f"people saved,\nlapse {lapse:g}"
+        over_seeds(axes[1], [strongest + 0.012 * place], [saved], (GREEN, RED)[place % 2], label)
         axes[1].legend(frameon=False, fontsize=8, loc="lower left")
     for (noise, found), colour in zip(by_noise.items(), CYCLE, strict=False):
         for one, objective in ((axes[2], "people_saved"), (axes[3], "goal_time")):
             curves(one, [result["curve"] for result in found], objective, colour, f"noise {noise:g}")
             one.set_ylabel(objective.replace("_", " "))
-    axes[3].legend(frameon=False, fontsize=8)
+    if by_noise:
+        axes[3].legend(frameon=False, fontsize=8)
     return figure
 
 
 def _sorted(results: Results) -> tuple[dict[int, list[dict[str, Any]]], dict[float, list[dict[str, Any]]]]:
-    """Sort results without noise by queries, and those with the most queries by noise, none expected."""
-    found = [(run, result) for run, result in results.of(Aligned) if not run.config.lapse]
+    """Sort results without noise by queries, and those with most queries by noise; the likelihood is one."""
+    usual = _usual_lapse(results)
+    found = [(run, result) for run, result in results.of(Aligned) if run.config.lapse == usual]
     most = max((run.config.queries for run, _ in found), default=0)
     by_queries: dict[int, list[dict[str, Any]]] = {}
     by_noise: dict[float, list[dict[str, Any]]] = {}
@@ -152,9 +153,27 @@ def _sorted(results: Results) -> tuple[dict[int, list[dict[str, Any]]], dict[flo
     return dict(sorted(by_queries.items())), dict(sorted(by_noise.items()))
 
 
-def _expected(results: Results) -> list[dict[str, Any]]:
-    """List the results under a likelihood that expects random answers."""
-    return [result for run, result in results.of(Aligned) if run.config.lapse]
+def _by_lapse(results: Results) -> dict[float, list[dict[str, Any]]]:
+    """Sort the results under other likelihoods by the share of random answers that these expect."""
+    usual = _usual_lapse(results)
+    found: dict[float, list[dict[str, Any]]] = {}
+    for run, result in results.of(Aligned):
+        if run.config.lapse != usual:
+            found.setdefault(run.config.lapse, []).append(result)
+    return dict(sorted(found.items()))
+
+
+def _usual_lapse(results: Results) -> float:
+    return next((run.config.lapse for run, _ in results.of(Aligned) if run.teacher.noise == 0), 0.1)
+
+
+def _shares(found: list[dict[str, Any]], reference: list[dict[str, Any]]) -> tuple[float, float]:
+    """Compare means of both objectives with those of a reference."""
+    saved, goal = (
+        float(np.mean(ours) / np.mean(theirs))
+        for ours, theirs in zip(_objectives(found), _objectives(reference), strict=True)
+    )
+    return saved, goal
 
 
 def _objectives(found: list[dict[str, Any]]) -> tuple[list[float], list[float]]:
@@ -174,5 +193,7 @@ BENCHMARK = Benchmark(
     judge=judge,
     draw=draw,
     changed="There were three seeds first, and 25 queries had to be better than 5 by any amount. When one of "
-    "five had lost people under noise 0.3, the likelihood that expects it was added.",
+    "five had lost people under noise 0.3, where the likelihood expected no random answers, other shares "
+    "were added. That a tenth is expected by default, as by DRLHP, was then chosen on four development seeds, "
+    "and every run was made again.",
 )

@@ -182,6 +182,7 @@ def _moral(config: MoralConfig, profile: Profile, paper_steps: int) -> MoralConf
             acquisition="volume_removal",
             prior="ball",
             likelihood="exponential",
+            lapse=0.0,
             sampler="metropolis",
             ppo=_paper(config.ppo),
         )

@@ -111,9 +111,14 @@ def test_e7() -> None:
     assert missed("E7", lambda run: made(run, noisy=(5.7, 56.0))) == [4, 5]
 
     def helped(run: Aligned) -> dict[str, Any]:
-        return emergency(6.0, 56.0) if run.config.lapse else made(run, noisy=(5.0, 50.0))
+        return emergency(6.0, 56.0) if run.config.lapse == 0.3 else made(run, noisy=(5.0, 50.0))
 
     assert missed("E7", helped) == [3, 4]
+
+    def harmed(run: Aligned) -> dict[str, Any]:
+        return emergency(1.0, 56.0) if run.config.lapse == 0 else made(run)
+
+    assert missed("E7", harmed) == []
 
     def one_seed_fails(run: Aligned) -> dict[str, Any]:
         return emergency(6.0, 49.0) if (run.config.queries, run.seed) == (10, 1) else made(run)

@@ -21,6 +21,7 @@ from moral_algorithms.learners.ppo import Progress
 from moral_algorithms.preferences import (
     ACQUISITIONS,
     BallPrior,
+    BradleyTerry,
     ExponentialProxy,
     LexicographicTeacher,
     RationalityPrior,
@@ -431,8 +432,9 @@ def test_the_posterior_is_the_one_asked_for() -> None:
     rng = np.random.default_rng(0)
     posterior = make_posterior(config(), 3, rng)
     assert posterior.prior == RationalityPrior(3)
+    assert posterior.likelihood == BradleyTerry(lapse=0.1)
     assert posterior.samples.shape == (100, 3)
-    posterior = make_posterior(config(prior="ball", likelihood="exponential"), 2, rng)
+    posterior = make_posterior(config(prior="ball", likelihood="exponential", lapse=0.0), 2, rng)
     assert posterior.prior == BallPrior(2)
     assert isinstance(posterior.likelihood, ExponentialProxy)
 

@@ -32,8 +32,6 @@ class AlignmentConfig(InferenceConfig):
     concentration: float = 5.0
     """Of the rationality prior's weights. With 1 a few answers may leave a component out: the policy follows
     at once, its episodes say nothing more of what is missing, and no answer asks for it again."""
-    lapse: float = 0.1
-    """Share of the answers that the bradley_terry likelihood takes to be random."""
     candidates: int = 4000
     """Random pairs of the fresh episodes from which each query is chosen."""
     centred: float = 1.0

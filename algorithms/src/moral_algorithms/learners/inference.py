@@ -55,8 +55,9 @@ class InferenceConfig:
     """Likelihood of an answer: bradley_terry (eq. 4.1) or exponential (eq. 4.12)."""
     rationality: float = _RATIONALITY
     """Scale of the likelihood on returns of order one under the ball prior; the other prior infers it."""
-    lapse: float = 0.0
-    """Share of the answers that the bradley_terry likelihood takes to be random."""
+    lapse: float = 0.1
+    """Share of the answers that the bradley_terry likelihood takes to be random, so that no single one rules
+    anything out for good. The exponential likelihood knows none: 0."""
     sampler: str = "hit_and_run"
     """Sampler of the posterior: hit_and_run or metropolis (thesis)."""
     samples: int = 1000

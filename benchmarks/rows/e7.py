@@ -194,6 +194,6 @@ BENCHMARK = Benchmark(
     draw=draw,
     changed="There were three seeds first, and 25 queries had to be better than 5 by any amount. When one of "
     "five had lost people under noise 0.3, where the likelihood expected no random answers, other shares "
-    "were added. That a tenth is expected by default, as by DRLHP, was then chosen on four development seeds, "
-    "and every run was made again.",
+    "were added. That a tenth is expected by default, as by DRLHP, was then chosen on four development "
+    "seeds, and every run was made again.",
 )

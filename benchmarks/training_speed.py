@@ -245,9 +245,12 @@ def main(options: Sequence[str] | None = None) -> None:
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch; 0 takes one per core")
     parser.add_argument("--fast-envs", type=int, default=Config.fast_envs, help="environments for fast")
     parser.add_argument("--paper-envs", type=int, default=Config.paper_envs, help="environments for paper")
+    parser.add_argument(
+        "--rollout-steps", type=int, default=Config.rollout_steps, help="steps of each between updates"
+    )
     parser.add_argument("--repeats", type=int, default=Config.repeats, help="rollouts to take the median of")
     arguments = parser.parse_args(options)
-    config = Config(arguments.fast_envs, arguments.paper_envs, repeats=arguments.repeats)
+    config = Config(arguments.fast_envs, arguments.paper_envs, arguments.rollout_steps, arguments.repeats)
     machine = Machine(arguments.device, arguments.threads)
     device = machine.prepare()
     started = time.perf_counter()

@@ -73,7 +73,7 @@ def test_the_figures_are_printed_and_stored_with_what_produced_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "speed.json"
-    sizes = ["--fast-envs", "4", "--paper-envs", "4", "--repeats", "1"]
+    sizes = ["--fast-envs", "4", "--paper-envs", "4", "--rollout-steps", "5", "--repeats", "1"]
     training_speed.main([*sizes, "--worlds", "emergency", "--json", str(path)])
     stored = json.loads(path.read_text())
     assert stored["results"].keys() == {"emergency"}

@@ -207,6 +207,12 @@ def test_the_discriminator_sees_transitions_of_both_sides(
     assert checked == 3
 
 
+def test_other_learned_rewards_may_be_pursued_beside_it(demonstrations: Demonstrations) -> None:
+    known = LearnedReward("known", ShapedRewardNetwork(SHAPE, "fast", 0.95))
+    found = train_airl(demonstrations, config(steps=512), 0, others=[known], weights=[0.5, 1.0])
+    assert np.isfinite(found.normaliser)
+
+
 def pair_keys(now: Rows, after: Rows) -> list[tuple[bytes, bytes]]:
     """Encoded states (n, size) and next states as something that a set can hold."""
     assert isinstance(now, SparseRows)

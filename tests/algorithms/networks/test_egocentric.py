@@ -91,13 +91,13 @@ def test_sparse_crops_as_padding_and_slicing_does(
     crop = SparseEgocentricCrop((channels, height, width), radius)
     rows = crop(planes.astype(dtype))
     assert len(rows) == len(cells)
-    assert crop.size == rows.stock.width
+    assert crop.size == rows.dictionary.width
     np.testing.assert_array_equal(rows.dense().numpy(), slow_crop(planes, radius))
 
 
-def test_views_of_an_empty_grid_are_one_vector_each() -> None:
+def test_views_of_an_empty_grid_are_one_atom_each() -> None:
     planes = grids(np.random.default_rng(0), (2, 6, 7), [(1, 1), (4, 5), (2, 3)])
-    assert len(SparseEgocentricCrop((2, 6, 7), 5)(planes.astype(np.uint8)).chosen) == 3
+    assert len(SparseEgocentricCrop((2, 6, 7), 5)(planes.astype(np.uint8)).indices) == 3
 
 
 @pytest.mark.parametrize("agents", [(1, 0), (1, 2), (2, 0)])
@@ -106,7 +106,7 @@ def test_one_agent_is_on_every_observation(agents: tuple[int, int]) -> None:
     planes[:, 1] = 0
     for grid, count in zip(planes, agents, strict=True):
         grid[1, 2, :count] = 1
-    with pytest.raises(AssertionError, match="not one agent on every observation"):
+    with pytest.raises(ValueError, match="there must be one on each"):
         SparseEgocentricCrop((3, 5, 5), 2)(planes)
 
 

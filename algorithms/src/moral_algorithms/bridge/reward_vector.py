@@ -70,10 +70,15 @@ class EncodedStates:
     remembered
         How many of the last batches are kept, so that each is encoded once for all. Arrays are told apart by
         identity: one that is given again must not have changed.
+
+    Attributes
+    ----------
+    encode : callable
+        Encodes states and keeps nothing.
     """
 
     def __init__(self, network: ShapedRewardNetwork, remembered: int = 0) -> None:
-        self._encode = network.encode
+        self.encode = network.encode
         self._last: deque[tuple[NDArray[np.uint8], Rows]] = deque(maxlen=remembered)
 
     def __call__(self, states: NDArray[np.uint8]) -> Rows:
@@ -81,7 +86,7 @@ class EncodedStates:
         for known, seen in self._last:
             if known is states:
                 return seen
-        encoded = self._encode(states)
+        encoded = self.encode(states)
         self._last.append((states, encoded))
         return encoded
 
@@ -110,12 +115,15 @@ class LearnedReward:
         self.network = network
         self.scale = scale
         self.encoded = EncodedStates(network)
-        self._last: tuple[NDArray[np.uint8], Stamp, tuple[torch.Tensor, torch.Tensor]] | None = None
+        self._valued: tuple[NDArray[np.uint8], Stamp, tuple[torch.Tensor, torch.Tensor]] | None = None
         self._remember = False
 
     def share(self, encoded: EncodedStates) -> None:
-        """Take encoded states from there, and keep what they are worth: one step's next are the next's."""
-        self.encoded, self._remember = encoded, True
+        """Take encoded states from there, and keep what the last were worth, which are the next step's first.
+
+        From now on, arrays of states that are given again must not have changed.
+        """
+        self.encoded, self._remember, self._valued = encoded, True, None
 
     def __call__(self, transitions: Transitions) -> NDArray[np.float32]:
         """Compute rewards of shape (n,)."""
@@ -129,11 +137,12 @@ class LearnedReward:
 
     def _values(self, states: NDArray[np.uint8], now: Stamp) -> tuple[torch.Tensor, torch.Tensor]:
         """Compute g and h, unless they have just been computed."""
-        if self._last is not None and self._last[0] is states and self._last[1] == now:
-            return self._last[2]
+        known = self._valued
+        if known is not None and known[0] is states and known[1] == now:
+            return known[2]
         values = self.network.values(self.encoded(states))
         if self._remember:
-            self._last = states, now, values
+            self._valued = states, now, values
         return values
 
 

@@ -329,7 +329,7 @@ class Discriminator(BaseCallback):
             _, log_probabilities, _ = self.model.policy.evaluate_actions(
                 torch.from_numpy(states).to(device), actions
             )
-        encode = self._network.encode
+        encode = self._encoded.encode
         return _Sample(encode(states), encode(demonstrations.states[episodes, steps + 1]), log_probabilities)
 
 

@@ -19,7 +19,7 @@ from torch import nn
 from moral_algorithms.bridge.reward_vector import require_weights
 from moral_algorithms.networks.egocentric import SparseEgocentricCrop
 from moral_algorithms.networks.optimisers import EagerAdam
-from moral_algorithms.networks.policies import EgocentricPolicy, EncodingPolicy, perceptron, to_array
+from moral_algorithms.networks.policies import EgocentricPolicy, EncodingPolicy, perceptron
 from moral_algorithms.networks.precision import fast_matmul
 from moral_algorithms.networks.sparse import Index, SparseRows
 
@@ -93,8 +93,9 @@ class ConditionedFeatures(BaseFeaturesExtractor):
     def forward(self, observations: torch.Tensor | ConditionedRows) -> torch.Tensor:
         """Features (n, hidden[-1]) of planes and weights, or of what ``encode`` makes of them."""
         if isinstance(observations, torch.Tensor):
-            observations = self.encode(to_array(observations))
+            observations = self.encode(observations.detach().cpu().numpy())
         planes, weights = observations
+        # In full precision: half would round the weights.
         first = self.layers[0](planes) + self.shift(weights)
         with fast_matmul(first.device):
             features: torch.Tensor = self.layers[1:](first)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from moral_algorithms.networks.sparse import Choices, SparseRows, Stock, Vectors
+from moral_algorithms.networks.sparse import Atoms, Dictionary, Entries, SparseRows
 
 # Walls are on plane 0 and the agent on plane 1 in every world (World.plane_names).
 AGENT_PLANE = 1
@@ -74,7 +72,7 @@ class EgocentricCrop(nn.Module):
 class SparseEgocentricCrop:
     """The same crop as :class:`EgocentricCrop`, for a layer that skips zeros: faster for a large radius.
 
-    A view of the empty grid, which its border walls, is one vector; objects and further walls are others.
+    A view of the empty grid, which its border walls, is one atom; objects and further walls are others.
 
     Parameters
     ----------
@@ -85,7 +83,7 @@ class SparseEgocentricCrop:
     ----------
     size : int
         Length of the flattened crop.
-    stock : Stock
+    dictionary : Dictionary
         The unit vectors of the crop's cells, then the views from every cell of an empty grid.
     """
 
@@ -98,34 +96,42 @@ class SparseEgocentricCrop:
         self._border = np.ones((height, width), dtype=np.bool_)
         self._border[1:-1, 1:-1] = False
         views = self._windows(self._border[None]).reshape(-1, self._area)
-        walls = Vectors(slice(0, self._area), torch.from_numpy(views.astype(np.float32)))
-        self.stock = Stock(self.size, (Vectors(slice(0, self.size)), walls))
-        # With so much room between the ends of two rows, the way from one cell to another is one number.
+        walls = Atoms(slice(0, self._area), torch.from_numpy(views.astype(np.float32)))
+        self.dictionary = Dictionary(self.size, (Atoms(slice(0, self.size)), walls))
+        # With so much room between the ends of two rows, a displacement by rows and columns is one number.
+        stride = width + radius
         rows, columns = np.divmod(np.arange(height * width, dtype=np.int32), width)
-        self._places = rows * (width + radius) + columns
-        self._furthest = int(self._places[-1])
-        self._cell_of_way = np.full(2 * self._furthest + 1, -1, dtype=np.int32)
+        self._positions = rows * stride + columns
+        self._largest = int(self._positions[-1])
+        self._cell_at = np.full(2 * self._largest + 1, -1, dtype=np.int32)
         steps = np.arange(-radius, radius + 1)
-        ways = (steps[:, None] * (width + radius) + steps).ravel() + self._furthest
-        reached = (ways >= 0) & (ways < len(self._cell_of_way))
-        self._cell_of_way[ways[reached]] = np.arange(self._area)[reached]
+        displacements = (steps[:, None] * stride + steps).ravel() + self._largest
+        possible = (displacements >= 0) & (displacements < len(self._cell_at))
+        self._cell_at[displacements[possible]] = np.arange(self._area)[possible]
 
     def __call__(self, observations: NDArray[np.uint8]) -> SparseRows:
-        """Crop a batch of 0/1 planes, shape (n, C, H, W)."""
-        return SparseRows.of(self.choices(observations), len(observations), self.stock)
+        """Crop a batch of 0/1 planes, shape (n, C, H, W).
 
-    def choices(self, observations: NDArray[np.uint8]) -> list[Choices]:
-        """Find what the rows of a batch consist of, as :meth:`SparseRows.of` takes it."""
+        Raises
+        ------
+        ValueError
+            If there is not one agent on every observation.
+        """
+        return SparseRows.from_entries(self.entries(observations), len(observations), self.dictionary)
+
+    def entries(self, observations: NDArray[np.uint8]) -> list[Entries]:
+        """Find what the rows of a batch are made of, as :meth:`SparseRows.from_entries` takes it."""
         count, *shape = observations.shape
         assert tuple(shape) == self.shape, f"{observations.shape} is not (n, *{self.shape})"
-        planes = _as_booleans(observations)
+        planes = observations.view(np.bool_) if observations.dtype == np.uint8 else observations.astype(bool)
         every, walls = np.arange(count), planes[:, 0]
         found, agents = np.divmod(np.flatnonzero(planes[:, AGENT_PLANE]), self._border.size)
-        assert np.array_equal(found, every), "there is not one agent on every observation"
+        if not np.array_equal(found, every):
+            raise ValueError("observations have no agent or several; there must be one on each")
         objects = self._cells(planes[:, AGENT_PLANE + 1 :], agents, first_plane=1)
         views = self.size + agents
         if (walls == self._border).all():
-            return [Choices(every, views), objects]
+            return [Entries(every, views), objects]
         closed: NDArray[np.bool_] = np.all(walls | ~self._border, axis=(1, 2))
         inner = walls & ~self._border & closed[:, None, None]
         # Where the border has gaps, the view is of no empty grid: every wall counts for itself.
@@ -134,13 +140,13 @@ class SparseEgocentricCrop:
         windows = self._windows(walls[others])[np.arange(len(others)), row, column]
         number, cell = np.nonzero(windows.reshape(len(others), self._area))
         return [
-            Choices(every[closed], views[closed]),
+            Entries(every[closed], views[closed]),
             self._cells(inner[:, None], agents, first_plane=0),
-            Choices(others[number], cell),
+            Entries(others[number], cell),
             objects,
         ]
 
-    def _cells(self, planes: NDArray[np.bool_], agents: NDArray[np.int64], first_plane: int) -> Choices:
+    def _cells(self, planes: NDArray[np.bool_], agents: NDArray[np.int64], first_plane: int) -> Entries:
         """Find the ones of planes (n, k, H, W) in crops around agents on these cells."""
         count, depth = planes.shape[:2]
         cells = self._border.size
@@ -150,12 +156,10 @@ class SparseEgocentricCrop:
         rows = np.repeat(np.arange(count), lengths)
         within = (found - np.repeat(firsts[:-1], lengths)).astype(np.int32)
         plane = within // cells
-        ways = self._places[within - plane * cells] - np.repeat(
-            self._places[agents] - self._furthest, lengths
-        )
-        seen = self._cell_of_way[ways]
+        origins = np.repeat(self._positions[agents] - self._largest, lengths)
+        seen = self._cell_at[self._positions[within - plane * cells] - origins]
         near = np.flatnonzero(seen >= 0)
-        return Choices(rows[near], seen[near] + (plane[near] + first_plane) * self._area)
+        return Entries(rows[near], seen[near] + (plane[near] + first_plane) * self._area)
 
     def _windows(self, walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """View walls (n, H, W) from each of their cells, shape (n, H, W, side, side)."""
@@ -164,6 +168,7 @@ class SparseEgocentricCrop:
         return np.lib.stride_tricks.sliding_window_view(padded, (self._side, self._side), axis=(1, 2))
 
 
-def _as_booleans(planes: NDArray[Any]) -> NDArray[Any]:
-    """See 0/1 planes as booleans, in the same memory if it can be."""
-    return planes.view(np.bool_) if planes.dtype == np.uint8 else planes.astype(np.bool_)
+def planes_of(observations: torch.Tensor) -> NDArray[np.uint8]:
+    """Take 0/1 planes of any dtype, on any device, as an array; no gradient reaches them."""
+    planes: NDArray[np.uint8] = observations.detach().to("cpu", torch.uint8).numpy()
+    return planes

@@ -16,7 +16,7 @@ from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from torch import nn
 from torch.nn import functional
 
-from moral_algorithms.networks.egocentric import SparseEgocentricCrop
+from moral_algorithms.networks.egocentric import SparseEgocentricCrop, planes_of
 from moral_algorithms.networks.optimisers import EagerAdam
 from moral_algorithms.networks.precision import fast_matmul
 from moral_algorithms.networks.sparse import Index, SparseLinear, SparseRows
@@ -53,7 +53,9 @@ class EgocentricFeatures(BaseFeaturesExtractor):
         -------
         float32 tensor of shape (n, hidden[-1])
         """
-        rows = self.encode(to_array(observations)) if isinstance(observations, torch.Tensor) else observations
+        rows = (
+            self.encode(planes_of(observations)) if isinstance(observations, torch.Tensor) else observations
+        )
         with fast_matmul(next(self.parameters()).device):
             features: torch.Tensor = self.layers(rows)
         return features.float()
@@ -70,9 +72,13 @@ class Encoded(Protocol):
 class EncodingPolicy(ActorCriticPolicy):
     """An actor and critic whose features extractor has a part in which nothing is learned, ``encode``.
 
-    It takes an array of observations (n, ...) and makes what ``forward`` takes instead of them: something
-    :class:`Encoded`.
+    What it makes of an array of observations is :class:`Encoded`, and ``forward`` takes it instead of them.
     """
+
+    def encode(self, observations: NDArray[Any]) -> Encoded:
+        """Encode observations (n, ...)."""
+        encoded: Encoded = self.features_extractor.encode(observations)  # type: ignore[operator]
+        return encoded
 
     def extract_features(
         self, obs: Any, features_extractor: BaseFeaturesExtractor | None = None
@@ -123,11 +129,12 @@ class EncodingRolloutBuffer(RolloutBuffer):
 
     Attributes
     ----------
-    policy : EncodingPolicy
-        Whose encoding it is. SB3 builds the buffer before the policy: whoever builds both sets it.
+    policy : EncodingPolicy or None
+        Whose encoding it is; without one, observations are handed out as they are. SB3 builds the buffer
+        before the policy: whoever builds both sets it.
     """
 
-    policy: EncodingPolicy
+    policy: EncodingPolicy | None = None
 
     def reset(self) -> None:
         """Forget the rollout."""
@@ -136,9 +143,10 @@ class EncodingRolloutBuffer(RolloutBuffer):
 
     def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> RolloutBufferSamples:
         """Take a minibatch of the full buffer, its ``observations`` encoded."""
+        if self.policy is None:
+            return super()._get_samples(batch_inds, env)
         if self._encoded is None:
-            self._encoded = self.policy.features_extractor.encode(self.observations)  # type: ignore[operator]
-        assert self._encoded is not None
+            self._encoded = self.policy.encode(self.observations)
         others = (self.actions, self.values, self.log_probs, self.advantages, self.returns)
         actions, *scalars = (self.to_torch(values[batch_inds], copy=False) for values in others)
         encoded: Any = self._encoded[batch_inds]
@@ -151,12 +159,6 @@ def perceptron(sizes: tuple[int, ...]) -> nn.Sequential:
     for inputs, outputs in pairwise(sizes[1:]):
         layers += [nn.Linear(inputs, outputs), nn.ReLU()]
     return nn.Sequential(*layers)
-
-
-def to_array(observations: torch.Tensor) -> NDArray[Any]:
-    """Observations as an array, of the same memory if it can be."""
-    array: NDArray[Any] = observations.cpu().numpy()
-    return array
 
 
 class _ConvolutionalTrunk(BaseFeaturesExtractor):

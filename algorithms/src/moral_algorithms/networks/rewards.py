@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from moral_algorithms.networks.egocentric import EgocentricCrop, SparseEgocentricCrop
+from moral_algorithms.networks.egocentric import EgocentricCrop, SparseEgocentricCrop, planes_of
 from moral_algorithms.networks.precision import fast_matmul
 from moral_algorithms.networks.sparse import (
-    Choices,
+    Atoms,
+    Dictionary,
+    Entries,
     Rows,
     SparseLinear,
     SparseRows,
-    Stock,
-    Vectors,
     concatenate,
 )
 
@@ -57,23 +57,23 @@ class SurroundingsAndTotals:
         self._crop = SparseEgocentricCrop(shape, radius)
         self.size = self._crop.size + channels * inputs
         firsts = range(self._crop.size, self.size, inputs)
-        parts = [Vectors(slice(first, first + inputs), shown) for first in firsts]
-        self._stock = Stock(self.size, (*self._crop.stock.parts, *parts))
+        parts = [Atoms(slice(first, first + inputs), shown) for first in firsts]
+        self._dictionary = Dictionary(self.size, (*self._crop.dictionary.parts, *parts))
         self._most = totals - 1
-        self._firsts = self._crop.stock.count + np.arange(channels) * totals
+        self._firsts = self._crop.dictionary.count + np.arange(channels) * totals
 
     def __call__(self, states: NDArray[np.uint8]) -> SparseRows:
         """Encode states (n, C, H, W), 0/1 planes."""
         count, channels = states.shape[:2]
         totals = np.minimum(_totals(states), self._most) + self._firsts
-        choices = Choices(np.repeat(np.arange(count), channels), totals.ravel())
-        return SparseRows.of([*self._crop.choices(states), choices], count, self._stock)
+        entries = Entries(np.repeat(np.arange(count), channels), totals.ravel())
+        return SparseRows.from_entries([*self._crop.entries(states), entries], count, self._dictionary)
 
 
 def _totals(states: NDArray[np.uint8]) -> NDArray[np.int64]:
     """Count the ones on each plane of states (n, C, H, W), shape (n, C)."""
     # Bytes are added up fastest in a byte, which holds no more than 255, and by PyTorch.
-    parts = torch.split(torch.from_numpy(states).flatten(2), 255, dim=2)
+    parts = torch.split(torch.from_numpy(np.ascontiguousarray(states)).flatten(2), 255, dim=2)
     sums: NDArray[np.int64] = (
         torch.stack([part.sum(dim=2, dtype=torch.uint8) for part in parts]).sum(0).numpy()
     )
@@ -207,7 +207,7 @@ class ShapedRewardNetwork(nn.Module):
         """
         assert states.shape[1:] == self.shape, f"{tuple(states.shape)} is not (n, *{self.shape})"
         assert states.shape == next_states.shape, f"{tuple(states.shape)} is not {tuple(next_states.shape)}"
-        return self.of_encoded(self.encode(states.cpu().numpy()), self.encode(next_states.cpu().numpy()))
+        return self.of_encoded(self.encode(planes_of(states)), self.encode(planes_of(next_states)))
 
     def encode(self, states: NDArray[np.uint8]) -> Rows:
         """Make of states (n, C, H, W), 0/1 planes, what g and h share; nothing is learned in it."""
@@ -217,19 +217,19 @@ class ShapedRewardNetwork(nn.Module):
     def of_encoded(self, states: Rows, next_states: Rows) -> torch.Tensor:
         """Rewards (n,) of states and next states that have been through ``encode``."""
         count = len(states)
-        potentials = _apply(self.h, concatenate([states, next_states]))[:, 0]
-        return self.combine(_apply(self.g, states)[:, 0], potentials[:count], potentials[count:])
+        potentials = _outputs(self.h, concatenate([states, next_states]))[:, 0]
+        return self.combine(_outputs(self.g, states)[:, 0], potentials[:count], potentials[count:])
 
     def values(self, states: Rows) -> tuple[torch.Tensor, torch.Tensor]:
         """Compute g and h, both of shape (n,), of states that have been through ``encode``."""
-        return _apply(self.g, states)[:, 0], _apply(self.h, states)[:, 0]
+        return _outputs(self.g, states)[:, 0], _outputs(self.h, states)[:, 0]
 
     def combine(self, g: torch.Tensor, h: torch.Tensor, next_h: torch.Tensor) -> torch.Tensor:
         """Compute f, all of shape (n,)."""
         return g + self.gamma * next_h - h
 
 
-def _apply(network: nn.Sequential, inputs: Rows) -> torch.Tensor:
+def _outputs(network: nn.Sequential, inputs: Rows) -> torch.Tensor:
     """Apply g or h, the last layer in full precision: f is a small difference of large potentials."""
     rows = inputs if isinstance(inputs, SparseRows) else inputs.float()
     with fast_matmul(next(network.parameters()).device):
@@ -261,7 +261,7 @@ class _EgocentricActionValue(nn.Module):
 
     def forward(self, encoded: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """Rewards (n, 1) of encoded states (n, size) and int64 actions (n,)."""
-        return _apply(self.layers, encoded).gather(1, actions[:, None])
+        return _outputs(self.layers, encoded).gather(1, actions[:, None])
 
 
 class _ConvolutionalActionValue(nn.Module):
@@ -289,7 +289,7 @@ class _ConvolutionalActionValue(nn.Module):
         one_hot = functional.one_hot(actions, self.num_actions).float()
         embedded = self.embedding(one_hot).reshape(-1, *self.shape)
         planes = torch.cat([states, embedded], dim=1).contiguous(memory_format=torch.channels_last)
-        return _apply(self.layers, planes)
+        return _outputs(self.layers, planes)
 
 
 class ActionRewardArchitecture(NamedTuple):

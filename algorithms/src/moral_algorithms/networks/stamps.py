@@ -6,18 +6,20 @@ from typing import TypeAlias
 
 from torch import nn
 
-Stamp: TypeAlias = tuple[object, ...]
+Stamp: TypeAlias = tuple[tuple[int, int, float], ...]
 
 
 def stamp(module: nn.Module) -> Stamp:
     """Make something that is equal as long as no parameter changes.
 
-    PyTorch counts the changes that it makes in place, but not those of fused optimisers. These change biases
-    with everything else, and biases are small enough to be looked at.
+    PyTorch counts the changes that it makes in place, but neither those of fused optimisers nor those made
+    through ``data`` or NumPy. All but very special ones of these change the sum.
     """
-    parts: list[object] = []
-    for parameter in module.parameters():
-        parts += [parameter.data_ptr(), parameter._version]
-        if parameter.dim() == 1:
-            parts.append(parameter.detach().cpu().numpy().tobytes())
-    return tuple(parts)
+    return tuple(
+        (
+            parameter.data_ptr(),
+            0 if parameter.is_inference() else parameter._version,
+            float(parameter.detach().sum()),
+        )
+        for parameter in module.parameters()
+    )

@@ -72,4 +72,5 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="MORAL's likelihood expected no random answers first (see E7).",
 )

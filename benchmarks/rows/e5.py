@@ -141,5 +141,6 @@ BENCHMARK = Benchmark(
     judge=judge,
     draw=draw,
     changed="How the end is compared with the front and what counts as saving people first were defined "
-    "anew: the first definitions could hardly fail.",
+    "anew: the first definitions could hardly fail. MORAL's likelihood expected no random answers first (see "
+    "E7).",
 )

@@ -24,7 +24,7 @@ Found = dict[tuple[str, float], list[dict[str, Any]]]
 def runs(profile: Profile) -> list[Run]:
     """List both ways of asking on both scales."""
     found: list[Run] = []
-    for seed in seeds(profile):
+    for seed in seeds(profile, 5):
         plain = moral(profile, seed)
         for config in (plain.config, replace(plain.config, acquisition="random")):
             found += [replace(plain, config=config, primary_scale=scale) for scale in _SCALES]
@@ -130,4 +130,6 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="MORAL's likelihood expects a tenth of the answers to be random now, as was chosen for E7. With "
+    "three seeds, one lost people then under active queries and the larger reward; two more were added.",
 )

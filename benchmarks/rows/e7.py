@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
@@ -113,22 +114,21 @@ def draw(results: Results) -> Figure:
         ("queries", [float(queries) for queries in by_queries], list(by_queries.values())),
         ("noise", list(by_noise), list(by_noise.values())),
     ]
-    for place, (title, values, found_groups) in enumerate(groups):
-        objectives = [_objectives(group) for group in found_groups]
-        second = axes[place].twinx()
-        over_seeds(axes[place], values, [one[0] for one in objectives], BLUE, "people saved")
-        over_seeds(second, values, [one[1] for one in objectives], ORANGE, "goal time")
-        axes[place].set(xlabel=title, ylim=(0, 6.3))
-        axes[place].set_ylabel("people saved", color=BLUE)
+    for one, (title, values, found_groups) in zip(axes[:2], groups, strict=True):
+        second = one.twinx()
+        _both(one, second, values, found_groups, (BLUE, ORANGE), ("people saved", "goal time"))
+        one.set(xlabel=title, ylim=(0, 6.3))
+        one.set_ylabel("people saved", color=BLUE)
         second.set_ylabel("goal time", color=ORANGE)
         second.set(ylim=(0, 63))
         second.spines["top"].set_visible(False)
-    strongest = max(by_noise, default=0.0)
-    for place, (lapse, found) in enumerate(_by_lapse(results).items(), start=1):
-        saved, _ = _objectives(found)
-        label = f"people saved,\nlapse {lapse:g}"
-        over_seeds(axes[1], [strongest + 0.012 * place], [saved], (GREEN, RED)[place % 2], label)
-        axes[1].legend(frameon=False, fontsize=8, loc="lower left")
+        if title == "noise":
+            strongest = max(by_noise, default=0.0)
+            for place, (lapse, found) in enumerate(_by_lapse(results).items(), start=1):
+                colours = ((GREEN, RED)[place % 2],) * 2
+                labels = (f"both, lapse {lapse:g}", "")
+                _both(one, second, [strongest + 0.012 * place], [found], colours, labels)
+                one.legend(frameon=False, fontsize=8, loc="lower left")
     for (noise, found), colour in zip(by_noise.items(), CYCLE, strict=False):
         for one, objective in ((axes[2], "people_saved"), (axes[3], "goal_time")):
             curves(one, [result["curve"] for result in found], objective, colour, f"noise {noise:g}")
@@ -136,6 +136,20 @@ def draw(results: Results) -> Figure:
     if by_noise:
         axes[3].legend(frameon=False, fontsize=8)
     return figure
+
+
+def _both(
+    axes: Axes,
+    second: Axes,
+    values: list[float],
+    groups: list[list[dict[str, Any]]],
+    colours: tuple[str, str],
+    labels: tuple[str, str],
+) -> None:
+    """Draw both objectives of groups of results over some value, each on its axis."""
+    objectives = [_objectives(group) for group in groups]
+    for number, one in enumerate((axes, second)):
+        over_seeds(one, values, [pair[number] for pair in objectives], colours[number], labels[number])
 
 
 def _sorted(results: Results) -> tuple[dict[int, list[dict[str, Any]]], dict[float, list[dict[str, Any]]]]:

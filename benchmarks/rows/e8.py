@@ -236,5 +236,5 @@ BENCHMARK = Benchmark(
     draw=draw,
     changed="An error in DRLHP was found while looking at seeds 0 to 2. Later its last queries fell due when "
     "no episode ended any more, and one of five seeds lost most of its goal time. MORAL had to spend more "
-    "goal time by any amount first.",
+    "goal time by any amount first, and its likelihood expected no random answers (see E7).",
 )

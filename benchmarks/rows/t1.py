@@ -459,5 +459,5 @@ BENCHMARK = Benchmark(
     draw=draw,
     changed="Half-random demonstrators served all four questions first, and learners had fewer steps: MORAL "
     "failed two of them then. Then DRLHP had 25 answers for several objectives, and ethics shaping one scale "
-    "for planes and for several experts.",
+    "for planes and for several experts. MORAL's likelihood expected no random answers first (see E7).",
 )

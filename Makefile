@@ -36,9 +36,9 @@ live: $(VENV)/.live
 
 # One thread per worker; three workers on two cores, since many a test waits for a process or a page.
 test: export OMP_NUM_THREADS := 1
-test: export PIP_ARGS := $(PIP_ARGS)
-test: $(VENV)/.build
-	@tools/run_tests.sh $(PYTEST_ARGS)
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest $(PYTEST_ARGS) --ignore tests/envs
+	PIP_ARGS="$(PIP_ARGS)" tools/check_envs_alone.sh $(PYTEST_ARGS)
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check
@@ -76,13 +76,10 @@ $(VENV)/.created:
 	@touch $@
 
 # Without build isolation the backend has the version that constraints.txt pins, and is installed once.
-$(VENV)/.build: $(VENV)/.created constraints.txt pyproject.toml
+$(VENV)/.runtime: $(VENV)/.created constraints.txt pyproject.toml envs/pyproject.toml algorithms/pyproject.toml
+	@echo "Installing moral-envs, moral-algorithms and what they need into $(VENV): PyTorch may take minutes"
 	@$(PIP_INSTALL) pip
 	@$(PIP_INSTALL) --group build
-	@touch $@
-
-$(VENV)/.runtime: $(VENV)/.build envs/pyproject.toml algorithms/pyproject.toml
-	@echo "Installing moral-envs, moral-algorithms and what they need into $(VENV): PyTorch may take minutes"
 	@$(PIP_INSTALL) --no-build-isolation -e envs -e algorithms
 	@touch $@
 
@@ -102,10 +99,11 @@ $(VENV)/.dev: $(VENV)/.benchmarks
 	@touch $@
 
 # Without moral-algorithms: the site shows moral-envs, and needs no PyTorch.
-$(VENV)/.docs: $(VENV)/.build envs/pyproject.toml
+$(VENV)/.docs: $(VENV)/.created constraints.txt pyproject.toml envs/pyproject.toml
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	  echo "the site needs Python 3.11 or newer: make clean, then make docs PYTHON=/path/to/python3" >&2; exit 1; }
 	@echo "Installing moral-envs and Sphinx into $(VENV)"
-	@$(PIP_INSTALL) --group docs
+	@$(PIP_INSTALL) pip
+	@$(PIP_INSTALL) --group build --group docs
 	@$(PIP_INSTALL) --no-build-isolation -e envs
 	@touch $@

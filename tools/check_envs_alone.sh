@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds the moral-envs wheel, installs it into a fresh virtual environment that has no torch, and runs the
 # environment tests there: what a user of the environments alone gets. Arguments go to pytest.
-# Needs a .venv with pip and the build backend (`make .venv/.build`); PIP_ARGS goes to pip.
+# Run by `make test`, which has made .venv; PIP_ARGS goes to pip.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 

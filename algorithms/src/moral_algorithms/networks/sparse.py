@@ -1,8 +1,8 @@
 """Linear layers on rows that are almost all zeros.
 
 What an agent sees is hundreds of inputs, of which a dozen are ones, and walls that never change. The first
-layer of a network then adds up a few columns of its weights instead of multiplying by zeros, in a third of
-the time. Rows are compressed sparse rows over a dictionary: unit vectors, and what often comes together.
+layer of a network then adds up a few columns of its weights instead of multiplying by zeros, which is faster.
+Rows are compressed sparse rows over a dictionary: unit vectors, and what often comes together.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.sparse import csc_array, csr_array, vstack  # type: ignore[import-untyped]
 from torch import nn
 from torch.nn import functional
 
@@ -65,48 +66,43 @@ class SparseRows:
 
     Parameters
     ----------
-    indices
-        int32 of shape (k,): numbers of atoms, row after row.
-    offsets
-        int32 of shape (n + 1,): where in ``indices`` each row begins, and k.
+    choices
+        SciPy's compressed sparse rows of shape (n, atoms): which atoms each row is made of. Where its
+        entries are is all that counts.
     dictionary
         The atoms.
     """
 
-    def __init__(
-        self, indices: NDArray[np.int32], offsets: NDArray[np.int32], dictionary: Dictionary
-    ) -> None:
-        assert indices.shape == (offsets[-1],), f"{indices.shape} is not ({offsets[-1]},)"
-        self.indices = indices
-        self.offsets = offsets
+    def __init__(self, choices: csr_array, dictionary: Dictionary) -> None:
+        assert choices.shape[1] == dictionary.count, f"{choices.shape} is not (n, {dictionary.count})"
+        self.choices = choices
         self.dictionary = dictionary
 
     @classmethod
     def from_entries(cls, entries: Sequence[Entries], count: int, dictionary: Dictionary) -> SparseRows:
         """Make ``count`` rows."""
         lengths = [np.bincount(rows, minlength=count) for rows, _ in entries]
-        offsets = _offsets(np.sum(lengths, axis=0))
+        offsets = np.concatenate([[0], np.cumsum(np.sum(lengths, axis=0))])
         indices = np.empty(offsets[-1], dtype=np.int32)
-        free = offsets[:-1].astype(np.int64)
+        free = offsets[:-1].copy()
         for (rows, atoms), length in zip(entries, lengths, strict=True):
             indices[np.arange(len(rows)) + (free - np.cumsum(length) + length)[rows]] = atoms
             free += length
-        return cls(indices, offsets, dictionary)
+        ones = np.ones(len(indices), dtype=np.int8)
+        return cls(csr_array((ones, indices, offsets), shape=(count, dictionary.count)), dictionary)
 
     def __len__(self) -> int:
         """Count the rows."""
-        return len(self.offsets) - 1
+        count: int = self.choices.shape[0]
+        return count
 
     def __getitem__(self, index: Index) -> SparseRows:
         """Take the rows of a slice, or those of int64 numbers of shape (m,)."""
-        begins, lengths = self.offsets[:-1][index], np.diff(self.offsets)[index]
-        offsets = _offsets(lengths)
-        sources = np.arange(offsets[-1]) + np.repeat(begins - offsets[:-1], lengths)
-        return SparseRows(self.indices[sources], offsets, self.dictionary)
+        return SparseRows(self.choices[index], self.dictionary)
 
     def dense(self) -> torch.Tensor:
         """Write the matrix out, as float32 of shape (n, width)."""
-        return _sums(_project(self.dictionary, torch.eye(self.dictionary.width)), self.indices, self.offsets)
+        return _sums(_project(self.dictionary, torch.eye(self.dictionary.width)), self.choices)
 
 
 Rows: TypeAlias = SparseRows | torch.Tensor
@@ -121,8 +117,7 @@ def concatenate(parts: Sequence[Rows]) -> Rows:
     dictionary = sparse[0].dictionary
     assert len(sparse) == len(parts), "some rows are sparse and some are not"
     assert all(part.dictionary is dictionary for part in sparse), "rows are of different dictionaries"
-    lengths = np.concatenate([np.diff(part.offsets) for part in sparse])
-    return SparseRows(np.concatenate([part.indices for part in sparse]), _offsets(lengths), dictionary)
+    return SparseRows(vstack([part.choices for part in sparse], format="csr"), dictionary)
 
 
 class SparseLinear(nn.Linear):
@@ -143,9 +138,7 @@ class SparseLinear(nn.Linear):
             if torch.is_grad_enabled():
                 outputs: torch.Tensor = _Affine.apply(rows, self.weight, self.bias)  # type: ignore[no-untyped-call]
             else:
-                outputs = _sums(self._project_once(rows.dictionary), rows.indices, rows.offsets).add_(
-                    self.bias
-                )
+                outputs = _sums(self._project_once(rows.dictionary), rows.choices).add_(self.bias)
         return outputs.to(torch.get_autocast_dtype(kind)) if torch.is_autocast_enabled(kind) else outputs
 
     def _project_once(self, dictionary: Dictionary) -> torch.Tensor:
@@ -166,18 +159,15 @@ class _Affine(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, rows: SparseRows, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
         ctx.rows, ctx.shape = rows, weight.shape
-        return _sums(_project(rows.dictionary, weight), rows.indices, rows.offsets).add_(bias)
+        return _sums(_project(rows.dictionary, weight), rows.choices).add_(bias)
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[None, torch.Tensor, torch.Tensor]:
-        rows, count = ctx.rows, ctx.rows.dictionary.count
-        # What reaches an atom is the sum over the rows that contain it: the same again, by atoms.
-        by_atom = np.argsort(rows.indices.astype(_smallest_type(count)), kind="stable")
-        containing = np.repeat(np.arange(len(rows), dtype=np.int32), np.diff(rows.offsets))[by_atom]
-        offsets = _offsets(np.bincount(rows.indices, minlength=count))
+        rows: SparseRows = ctx.rows
         of_weight, first = gradient.new_zeros(ctx.shape[::-1]), 0
         with torch.autocast(gradient.device.type, enabled=False):
-            of_atoms = _sums(gradient.contiguous(), containing, offsets)
+            # What reaches an atom is the sum over the rows that contain it: the same again, by atoms.
+            of_atoms = _sums(gradient.contiguous(), rows.choices.tocsc())
             for atoms in rows.dictionary.parts:
                 part, values = of_atoms[first : first + atoms.count], atoms.values
                 of_weight[atoms.columns] += part if values is None else values.to(part.device).T @ part
@@ -196,26 +186,14 @@ def _project(dictionary: Dictionary, weight: torch.Tensor) -> torch.Tensor:
     )
 
 
-def _sums(vectors: torch.Tensor, indices: NDArray[np.int32], offsets: NDArray[np.int32]) -> torch.Tensor:
-    """Add up vectors (m, size): those between two offsets are one row's, shape (n, size)."""
+def _sums(vectors: torch.Tensor, choices: csr_array | csc_array) -> torch.Tensor:
+    """Add up those of vectors (m, size) that each row, or each column, has entries for, shape (n, size)."""
     device = vectors.device
     sums: torch.Tensor = functional.embedding_bag(
-        torch.from_numpy(indices).to(device),
+        torch.from_numpy(choices.indices).to(device),
         vectors,
-        torch.from_numpy(offsets).to(device),
+        torch.from_numpy(choices.indptr).to(device),
         mode="sum",
         include_last_offset=True,
     )
     return sums
-
-
-def _offsets(lengths: NDArray[np.integer[Any]]) -> NDArray[np.int32]:
-    offsets = np.zeros(len(lengths) + 1, dtype=np.int32)
-    np.cumsum(lengths, out=offsets[1:])
-    assert (offsets >= 0).all(), "there are more entries than 32 bits can count"
-    return offsets
-
-
-def _smallest_type(count: int) -> type[np.unsignedinteger[Any]]:
-    """Find a type for numbers below ``count``; NumPy sorts small ones many times faster."""
-    return np.uint16 if count <= np.iinfo(np.uint16).max else np.uint32

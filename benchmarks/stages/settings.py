@@ -40,6 +40,9 @@ HELP = (0.0, 1.0, 0.0, 1.0)
 CLEAN = (0.0, 0.0, 1.0, 1.0)
 """Weights of (deliver, help, clean, vase) of Delivery's experts, who both spare the vases (figure A.3)."""
 
+DELIVERY_STEPS = 800_000
+"""Of one policy of a coverage set in Delivery."""
+
 SAVE_FIRST = TeacherConfig(order=("people_saved", "goal_time"))
 """Emergency's teacher: more people saved and, on a tie, more goal time (section 4.2)."""
 
@@ -117,14 +120,17 @@ def emergency_moral(profile: Profile, queries: int = 25) -> MoralConfig:
 
 
 def delivery_moral(profile: Profile) -> MoralConfig:
-    """MORAL in Delivery, with the covering policy's PPO and half of its steps: it learns one trade-off."""
-    config = MoralConfig(steps=2_000_000, ppo=CoveringConfig().ppo)
+    """MORAL in Delivery, with the covering policy's entropy and fewer steps: it learns one trade-off."""
+    config = MoralConfig(steps=2_000_000, ppo=replace(CoveringConfig().ppo, learning_rate=1e-3))
     return _moral(config, profile, paper_steps=8_000_000)
 
 
 def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:
-    """One policy for all weights of (deliver, f_help, f_clean) in Delivery, or of the norms alone."""
-    config = CoveringConfig()
+    """One policy for all weights of (deliver, f_help, f_clean) in Delivery, or of the norms alone.
+
+    That of the norms alone takes as many steps as the eleven policies together that D4 sets beside it.
+    """
+    config = CoveringConfig() if with_primary else CoveringConfig(steps=11 * DELIVERY_STEPS)
     if profile == "smoke":
         config = replace(config, steps=_SMOKE_STEPS, ppo=_SMOKE)
     given = (primary(profile, DELIVERY, "deliver", seed),) if with_primary else ()

@@ -40,15 +40,14 @@ HELP = (0.0, 1.0, 0.0, 1.0)
 CLEAN = (0.0, 0.0, 1.0, 1.0)
 """Weights of (deliver, help, clean, vase) of Delivery's experts, who both spare the vases (figure A.3)."""
 
-DELIVERY_STEPS = 800_000
-"""Of one policy of a coverage set in Delivery."""
-
 SAVE_FIRST = TeacherConfig(order=("people_saved", "goal_time"))
 """Emergency's teacher: more people saved and, on a tie, more goal time (section 4.2)."""
 
 _SMOKE = PPOConfig(num_envs=128, batch_size=3200, epochs=1)
 # Two episodes of Emergency, or three of Delivery, in every environment.
 _SMOKE_STEPS = 19_200
+# Of one policy of a coverage set.
+_DELIVERY_STEPS = 800_000
 
 
 def seeds(profile: Profile, count: int = 3) -> range:
@@ -130,7 +129,7 @@ def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:
 
     That of the norms alone takes as many steps as the eleven policies together that D4 sets beside it.
     """
-    config = CoveringConfig() if with_primary else CoveringConfig(steps=11 * DELIVERY_STEPS)
+    config = CoveringConfig() if with_primary else CoveringConfig(steps=11 * _DELIVERY_STEPS)
     if profile == "smoke":
         config = replace(config, steps=_SMOKE_STEPS, ppo=_SMOKE)
     given = (primary(profile, DELIVERY, "deliver", seed),) if with_primary else ()
@@ -152,6 +151,14 @@ def coverage(profile: Profile, steps: int, paper_steps: int) -> CoverageConfig:
         return replace(config, steps=_SMOKE_STEPS, ppo=_SMOKE)
     if profile == "paper":
         return replace(config, steps=paper_steps, ppo=_paper(config.ppo))
+    return config
+
+
+def delivery_coverage(profile: Profile) -> CoverageConfig:
+    """One policy of a coverage set in Delivery, with as large steps as the policy for all weights takes."""
+    config = coverage(profile, _DELIVERY_STEPS, paper_steps=8_000_000)
+    if profile == "laptop":
+        return replace(config, ppo=replace(config.ppo, learning_rate=CoveringConfig().ppo.learning_rate))
     return config
 
 

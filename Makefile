@@ -36,11 +36,11 @@ live: $(VENV)/.live
 
 # One thread per worker; three workers on two cores, since many a test waits for a process or a page.
 test: export OMP_NUM_THREADS := 1
-test: $(VENV)/.dev
+test: $(VENV)/.test
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --ignore tests/envs
 	PIP_ARGS="$(PIP_ARGS)" tools/check_envs_alone.sh $(PYTEST_ARGS)
 
-lint: $(VENV)/.dev
+lint: $(VENV)/.lint
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
@@ -92,10 +92,17 @@ $(VENV)/.benchmarks: $(VENV)/.runtime
 	@$(PIP_INSTALL) --group benchmarks
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.benchmarks
-	@echo "Installing the development tools into $(VENV)"
-	@$(PIP_INSTALL) --group test --group lint
-	@$(PIP_INSTALL) --no-deps --group peers
+# The tests start several processes at once, each of which would compile what they import: done once, beside pip.
+$(VENV)/.test: $(VENV)/.runtime
+	@echo "Installing what the tests need into $(VENV)"
+	@$(BIN)/python -c "import matplotlib.pyplot, moral_algorithms.indicators, moral_algorithms.pipeline" & \
+	  $(PIP_INSTALL) --group test && $(PIP_INSTALL) --no-deps --group peers && wait
+	@touch $@
+
+# mypy reads the tests as well.
+$(VENV)/.lint: $(VENV)/.test
+	@echo "Installing what checks style and types into $(VENV)"
+	@$(PIP_INSTALL) --group lint
 	@touch $@
 
 # Without moral-algorithms: the site shows moral-envs, and needs no PyTorch.

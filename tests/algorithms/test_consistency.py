@@ -47,9 +47,9 @@ def test_honest_answers_are_predicted_by_the_others_of_their_own_and_of_other_pe
 
 def test_malice_and_noise_are_told_apart() -> None:
     people = [
-        *(person("honest", 30, seed) for seed in range(4)),
-        person("contrary", 30, 8, contrary=True),
-        person("random", 30, 9, random=True),
+        *(person("honest", 20, seed) for seed in range(4)),
+        person("contrary", 20, 8, contrary=True),
+        person("random", 20, 9, random=True),
     ]
     suspicions = [one.suspicion for one in measure_consistency(people, make_posterior)]
     assert suspicions == [None, None, None, None, "malice", "noise"]

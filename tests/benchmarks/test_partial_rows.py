@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from benchmarks.__main__ import RESULTS, find_benchmarks
 from benchmarks.harness import Benchmark, Results, Store
@@ -28,5 +27,4 @@ def test_a_part_of_the_runs_is_judged_and_drawn(benchmark: Benchmark) -> None:
     for part in (*([one] for one in first_of_each_kind.values()), found):
         results = Results(part)
         benchmark.judge(results)
-        figure = benchmark.draw(results)
-        FigureCanvasAgg(figure).draw()
+        benchmark.draw(results).draw_without_rendering()

@@ -99,6 +99,5 @@ BENCHMARK = Benchmark(
     judge=judge,
     draw=draw,
     changed="The normaliser's training, how queries are chosen, and the prior were chosen anew on "
-    "development seeds, when both bars had been missed. Since then the policy for all weights takes larger "
-    "steps, and more of them.",
+    "development seeds, when both bars had been missed.",
 )

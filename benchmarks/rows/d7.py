@@ -123,5 +123,4 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
-    changed="MORAL's policy for all weights takes larger steps, and more of them, than at first.",
 )

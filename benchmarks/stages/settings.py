@@ -48,6 +48,7 @@ _SMOKE = PPOConfig(num_envs=128, batch_size=3200, epochs=1)
 _SMOKE_STEPS = 19_200
 # Of one policy of a coverage set.
 _DELIVERY_STEPS = 800_000
+_DELIVERY_LEARNING_RATE = 2e-3
 
 
 def seeds(profile: Profile, count: int = 3) -> range:
@@ -119,19 +120,23 @@ def emergency_moral(profile: Profile, queries: int = 25) -> MoralConfig:
 
 
 def delivery_moral(profile: Profile) -> MoralConfig:
-    """MORAL in Delivery, with the covering policy's entropy and fewer steps: it learns one trade-off."""
-    config = MoralConfig(steps=2_000_000, ppo=replace(CoveringConfig().ppo, learning_rate=1e-3))
+    """MORAL in Delivery, with the covering policy's PPO and half of its steps: it learns one trade-off."""
+    config = MoralConfig(steps=2_000_000, ppo=CoveringConfig().ppo)
     return _moral(config, profile, paper_steps=8_000_000)
 
 
 def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:
     """One policy for all weights of (deliver, f_help, f_clean) in Delivery, or of the norms alone.
 
-    That of the norms alone takes as many steps as the eleven policies together that D4 sets beside it.
+    That of the norms alone takes as many steps as the eleven policies together that D4 sets beside it, and as
+    large ones.
     """
-    config = CoveringConfig() if with_primary else CoveringConfig(steps=11 * _DELIVERY_STEPS)
+    config = CoveringConfig()
     if profile == "smoke":
         config = replace(config, steps=_SMOKE_STEPS, ppo=_SMOKE)
+    elif not with_primary:
+        ppo = replace(config.ppo, learning_rate=_DELIVERY_LEARNING_RATE)
+        config = replace(config, steps=11 * _DELIVERY_STEPS, ppo=ppo)
     given = (primary(profile, DELIVERY, "deliver", seed),) if with_primary else ()
     return Covered(helping_and_cleaning(profile, seed), seed, given, config)
 
@@ -155,10 +160,10 @@ def coverage(profile: Profile, steps: int, paper_steps: int) -> CoverageConfig:
 
 
 def delivery_coverage(profile: Profile) -> CoverageConfig:
-    """One policy of a coverage set in Delivery, with as large steps as the policy for all weights takes."""
+    """One policy of a coverage set in Delivery."""
     config = coverage(profile, _DELIVERY_STEPS, paper_steps=8_000_000)
     if profile == "laptop":
-        return replace(config, ppo=replace(config.ppo, learning_rate=CoveringConfig().ppo.learning_rate))
+        return replace(config, ppo=replace(config.ppo, learning_rate=_DELIVERY_LEARNING_RATE))
     return config
 
 

@@ -157,7 +157,7 @@ def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:
     out = tmp_path / "aligned"
     known = ("--returns", "extinguish", "7.06", "save", "5.73")
     with live(out, "--primary", "extinguish", "save", *known, "--steps", "200000") as link:
-        found = answer_all(browser, link, 25, look=0.2)
+        found = answer_all(browser, link, 25, look=0.1)
     assert sum(found["answers"].values()) == 25
     answers = read_answers(out / "queries.jsonl").standing.values()
     for answer in answers:

@@ -16,7 +16,7 @@ pip wheel --no-deps --no-build-isolation --wheel-dir "$alone" ./envs
 .venv/bin/python -m venv --without-pip "$alone/venv"
 install "$alone"/moral_envs-*.whl
 "$python" -c 'import moral_envs'   # its declared dependencies suffice
-install --group test
+install --group test-envs
 install --no-deps --group peers
 "$python" - <<'CHECK'
 from importlib.util import find_spec

@@ -151,8 +151,8 @@ def test_the_scripted_person_saves_people_first(left: list[int], right: list[int
 def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:
     """`benchmarks.live_person` on the world's own two rewards, with a quarter of the default steps.
 
-    On a machine that has much else to do, such agents save 5.98 people and spend 42 steps at the goal, with
-    150,000 steps 5.98 to 6.00 and 17 to 43; chance saves 2.3 and spends 4.
+    Such agents save 5.99 to 6.00 people and spend 52 to 55 steps at the goal, or 42 on a machine that has
+    much else to do, where answers come late and fewer steps remain; chance saves 2.3 and spends 4.
     """
     out = tmp_path / "aligned"
     known = ("--returns", "extinguish", "7.06", "save", "5.73")

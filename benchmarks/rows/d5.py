@@ -72,5 +72,6 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
-    changed="MORAL's likelihood expected no random answers first (see E7).",
+    changed="MORAL's likelihood expected no random answers first (see E7), and the policy for all weights "
+    "was trained with smaller steps, and fewer (see D4).",
 )

@@ -48,7 +48,6 @@ _SMOKE = PPOConfig(num_envs=128, batch_size=3200, epochs=1)
 _SMOKE_STEPS = 19_200
 # Of one policy of a coverage set.
 _DELIVERY_STEPS = 800_000
-_DELIVERY_LEARNING_RATE = 2e-3
 
 
 def seeds(profile: Profile, count: int = 3) -> range:
@@ -120,23 +119,21 @@ def emergency_moral(profile: Profile, queries: int = 25) -> MoralConfig:
 
 
 def delivery_moral(profile: Profile) -> MoralConfig:
-    """MORAL in Delivery, with the covering policy's PPO and half of its steps: it learns one trade-off."""
-    config = MoralConfig(steps=2_000_000, ppo=CoveringConfig().ppo)
+    """MORAL in Delivery, trained along with the queries."""
+    config = MoralConfig(steps=2_000_000, ppo=PPOConfig(entropy_start=0.03, entropy_end=0.005))
     return _moral(config, profile, paper_steps=8_000_000)
 
 
 def covered(profile: Profile, seed: int, with_primary: bool = True) -> Covered:
     """One policy for all weights of (deliver, f_help, f_clean) in Delivery, or of the norms alone.
 
-    That of the norms alone takes as many steps as the eleven policies together that D4 sets beside it, and as
-    large ones.
+    That of the norms alone takes as many steps as the eleven policies together that D4 sets beside it.
     """
     config = CoveringConfig()
     if profile == "smoke":
         config = replace(config, steps=_SMOKE_STEPS, ppo=_SMOKE)
     elif not with_primary:
-        ppo = replace(config.ppo, learning_rate=_DELIVERY_LEARNING_RATE)
-        config = replace(config, steps=11 * _DELIVERY_STEPS, ppo=ppo)
+        config = replace(config, steps=11 * _DELIVERY_STEPS)
     given = (primary(profile, DELIVERY, "deliver", seed),) if with_primary else ()
     return Covered(helping_and_cleaning(profile, seed), seed, given, config)
 
@@ -163,7 +160,9 @@ def delivery_coverage(profile: Profile) -> CoverageConfig:
     """One policy of a coverage set in Delivery."""
     config = coverage(profile, _DELIVERY_STEPS, paper_steps=8_000_000)
     if profile == "laptop":
-        return replace(config, ppo=replace(config.ppo, learning_rate=_DELIVERY_LEARNING_RATE))
+        # As large steps as the policy for all weights takes.
+        learning_rate = CoveringConfig().ppo.learning_rate
+        return replace(config, ppo=replace(config.ppo, learning_rate=learning_rate))
     return config
 
 

@@ -89,6 +89,38 @@ def test_a_run_records_what_it_did(policy: ConditionedPolicy, tmp_path: Path) ->
     assert all((wanted[name] == found[name]).all() for name in wanted)
 
 
+@pytest.mark.parametrize("exploration", [0.0, 0.5, 1.0])
+def test_every_other_episode_explores(exploration: float, policy: ConditionedPolicy, tmp_path: Path) -> None:
+    class Spy:
+        """Remembers the weights that the policy is shown in each step."""
+
+        def __init__(self) -> None:
+            self.seen: list[np.ndarray] = []
+
+        def predict(self, observations: np.ndarray) -> Any:
+            self.seen.append(observations[:, -2:].copy())
+            return policy.predict(observations)
+
+        def policy_at(self, weights: np.ndarray) -> Any:
+            return policy.policy_at(weights)
+
+    spy: Any = Spy()
+    ask(spy, Recorder("goal_time"), tmp_path, exploration=exploration)
+    guesses = [list(line["weights"].values()) for line in lines(tmp_path / "metrics.jsonl")]
+    # Seven times eight steps.
+    rounds = np.array(spy.seen).reshape(7, 8, 16, 2)
+    assert (rounds == rounds[:, :1]).all()
+    spread = []
+    for played, guess in zip(rounds[:-1, 0], guesses, strict=False):
+        np.testing.assert_allclose(played[::2], np.tile(guess, (8, 1)), rtol=1e-6)
+        np.testing.assert_allclose(played.sum(axis=1), 1, rtol=1e-6)
+        spread.append((played[1::2] - guess)[:, 0].std())
+    # Uniform weights have a standard deviation of 0.29, those of the prior, of concentration 5, of 0.15.
+    assert 0.08 * exploration <= spread[0] <= 0.25 * exploration
+    # What is measured in the end follows the answer alone.
+    np.testing.assert_allclose(rounds[-1, 0], np.tile(guesses[-1], (16, 1)), rtol=1e-6)
+
+
 def test_answered_queries_are_not_asked_again(policy: ConditionedPolicy, tmp_path: Path) -> None:
     def noisy() -> tuple[Recorder, NoisyTeacher]:
         recorder = Recorder("people_saved")
@@ -187,6 +219,9 @@ def test_damaged_answers_are_refused(policy: ConditionedPolicy, tmp_path: Path) 
     ("changes", "message"),
     [
         ({"episodes": 1}, "episodes is 1; it must be at least 2"),
+        ({"exploration": -0.1}, "exploration is -0.1; it must be at least 0 and at most 1"),
+        ({"exploration": 1.1}, "exploration is 1.1; it must be at least 0 and at most 1"),
+        ({"exploration": math.nan}, "exploration is nan; it must be at least 0"),
         ({"queries": -1}, "queries is -1; it must be at least 0"),
         ({"lapse": 1.0}, "lapse is 1.0; it must be at least 0 and below 1"),
         (

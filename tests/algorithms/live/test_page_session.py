@@ -149,14 +149,15 @@ def test_the_scripted_person_saves_people_first(left: list[int], right: list[int
 
 
 def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:
-    """`benchmarks.live_person` on the world's own two rewards, with a quarter of the default steps.
+    """`benchmarks.live_person` on the world's own two rewards, with fewer steps than by default.
 
-    Such agents save 5.99 to 6.00 people and spend 52 to 55 steps at the goal, or 42 on a machine that has
-    much else to do, where answers come late and fewer steps remain; chance saves 2.3 and spends 4.
+    Such agents save 6.00 people and spend 50 steps at the goal, on an idle machine and beside five other
+    programs, for most steps come after the last answer, however late that is; chance saves 2.3 and spends 4.
     """
     out = tmp_path / "aligned"
     known = ("--returns", "extinguish", "7.06", "save", "5.73")
-    with live(out, "--primary", "extinguish", "save", *known, "--steps", "200000") as link:
+    budget = ("--steps", "300000", "--query-span", "0.4")
+    with live(out, "--primary", "extinguish", "save", *known, *budget) as link:
         found = answer_all(browser, link, 25, look=0.1)
     assert sum(found["answers"].values()) == 25
     answers = read_answers(out / "queries.jsonl").standing.values()
@@ -167,4 +168,4 @@ def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:
         assert answer.said == expected
     achieved = evaluate(out)
     assert achieved["people_saved"] >= 5.5
-    assert achieved["goal_time"] >= 12
+    assert achieved["goal_time"] >= 20

@@ -1,7 +1,7 @@
 """MORAL's queries to a policy that has been trained for all weights (thesis, algorithm 5 without its PPO).
 
-The policy follows the posterior mean at once, so that every query compares fresh episodes of the policy that
-the answer is about. Nothing is trained between two queries.
+The policy follows the posterior at once, so that every query compares fresh episodes of the policies that the
+answer is about. Nothing is trained between two queries.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ import numpy as np
 
 from moral_algorithms.bridge import EngineVecEnv, RewardComponent, ScalarisedRewards
 from moral_algorithms.learners.asking import Episode, QueryChooser, TeacherAsker, play_once
+from moral_algorithms.learners.covering import ConditionedRewards
 from moral_algorithms.learners.inference import InferenceConfig, make_posterior
 from moral_algorithms.learners.moral import AlignedAgent
 from moral_algorithms.learners.ppo import OnProgress, Progress, sampling_seed
 from moral_algorithms.networks.conditioned import ConditionedPolicy
 from moral_algorithms.preferences import Teacher
+from moral_algorithms.preferences.priors import normalise_rows
 from moral_algorithms.run_directory import RunDirectory, append_line, write_lines
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import StorageError
@@ -41,6 +43,11 @@ class AlignmentConfig(InferenceConfig):
     hides rare failures, which are never symmetric. Random queries are chosen from all candidates."""
     episodes: int = 256
     """Fresh episodes for each query."""
+    exploration: float = 0.5
+    """How far every other episode leaves the posterior's mean: from 0, where all follow it, to 1, where that
+    episode is played under a draw of its own, as in Thompson sampling. A policy that gives something up as
+    soon as its weight is small shows no episode with it under the mean, and no answer asks for it again; but
+    pairs from very different policies tell the shape of the teacher's wish rather than its slope."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -48,6 +55,8 @@ class AlignmentConfig(InferenceConfig):
             raise ValueError(f"centred is {self.centred}; it must be above 0 and at most 1")
         if self.episodes < 2:
             raise ValueError(f"episodes is {self.episodes}; it must be at least 2, for a query compares two")
+        if not 0 <= self.exploration <= 1:
+            raise ValueError(f"exploration is {self.exploration}; it must be at least 0 and at most 1")
 
 
 def ask_teacher(
@@ -79,8 +88,8 @@ def ask_teacher(
     seed
         Entropy of starts, actions, candidates and posterior samples.
     directory
-        Where queries and metrics go; the caller holds it. A line of metrics tells what the policy achieves in
-        the episodes before each query, and in as many at the end.
+        Where queries and metrics go; the caller holds it. A line of metrics tells what the policy achieves
+        under the posterior mean in the episodes before each query, and in as many at the end.
     on_progress
         Called after the episodes of each query.
     resume
@@ -100,12 +109,15 @@ def ask_teacher(
     if directory.queries.exists() and not resume:
         raise StorageError(f"{directory.queries} is there already; resume that run or choose another folder")
     built = world.build()
-    posterior_seed, candidate_seed, engine_seed, actions_seed = spawn_seeds(seed, 4)
+    posterior_seed, candidate_seed, engine_seed, actions_seed, weights_seed = spawn_seeds(seed, 5)
     posterior = make_posterior(config, len(components), np.random.default_rng(posterior_seed))
     centred = 1.0 if config.acquisition == "random" else config.centred
     chooser = QueryChooser(posterior, config.acquisition, config.candidates, candidate_seed, centred)
     engine = EngineVecEnv(built, config.episodes, seed=engine_seed)
-    venv = ScalarisedRewards(engine, components, posterior.weights())
+    vector = ScalarisedRewards(engine, components, posterior.weights())
+    weights_rng = np.random.default_rng(weights_seed)
+    played = np.empty((config.episodes, len(components)), dtype=np.float32)
+    venv = ConditionedRewards(vector, lambda count: played[:count])
     asker = TeacherAsker(teacher, chooser, posterior, 0, config.queries, directory.queries)
     asker.read()
     # Everything is done again but the asking, which takes seconds.
@@ -113,23 +125,28 @@ def ask_teacher(
     env_steps = tries = 0
     with sampling_seed(actions_seed):
         while True:
-            venv.weights = posterior.weights()
-            agent = policy.policy_at(venv.weights)
-            episodes: deque[Episode] = deque(play_once(agent, venv))
+            weights = posterior.weights()
+            done = posterior.num_queries == config.queries or tries == 2 * config.queries
+            played = np.tile(weights, (config.episodes, 1)).astype(np.float32)
+            if not done:
+                draws = normalise_rows(weights_rng.choice(posterior.samples, config.episodes // 2))
+                played[1::2] += config.exploration * (draws - weights)
+            episodes: deque[Episode] = deque(play_once(policy, venv))
             env_steps += sum(len(episode.replay.actions) for episode in episodes)
-            means = np.mean([episode.objectives for episode in episodes], axis=0).tolist()
+            following = list(episodes)[:: 1 if done else 2]
+            means = np.mean([episode.objectives for episode in following], axis=0).tolist()
             objectives = dict(zip(built.objective_names, means, strict=True))
             line = {
                 "env_steps": env_steps,
                 "queries": posterior.num_queries,
-                "weights": dict(zip(venv.names, venv.weights.tolist(), strict=True)),
+                "weights": dict(zip(vector.names, weights.tolist(), strict=True)),
                 "objectives": objectives,
             }
             append_line(directory.metrics, line)
             if on_progress is not None:
                 total = (config.queries + 1) * config.episodes * built.horizon
                 on_progress(Progress(env_steps, total, objectives, posterior.num_queries))
-            if posterior.num_queries == config.queries or tries == 2 * config.queries:
-                return AlignedAgent(agent, posterior.weights(), env_steps, posterior.num_queries)
+            if done:
+                return AlignedAgent(policy.policy_at(weights), weights, env_steps, posterior.num_queries)
             asker.ask(env_steps, episodes)
             tries += 1

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
 
 from moral_algorithms.answers import Answer, AskedQuery, read_answers
-from moral_algorithms.bridge import ScalarisedRewards
 from moral_algorithms.evaluation import Policy
 from moral_algorithms.preferences import ACQUISITIONS, Posterior, Query, Teacher
 from moral_algorithms.preferences.teachers import ask, require_teacher
@@ -54,7 +54,7 @@ class Asker(Protocol):
         ...
 
 
-def play_once(policy: Policy, venv: ScalarisedRewards) -> list[Episode]:
+def play_once(policy: Policy, venv: VecEnv) -> list[Episode]:
     """Play the first episode from now on in every environment, whichever ends first.
 
     Parameters
@@ -62,7 +62,8 @@ def play_once(policy: Policy, venv: ScalarisedRewards) -> list[Episode]:
     policy
         Chooses the actions; it samples from PyTorch's global generator.
     venv
-        The environments, which are reset; where all episodes are equally long they end at the same step.
+        `ScalarisedRewards`, or a wrapper around it; it is reset. Where all episodes are equally long they end
+        at the same step.
 
     Returns
     -------
@@ -70,6 +71,7 @@ def play_once(policy: Policy, venv: ScalarisedRewards) -> list[Episode]:
         One episode per environment, in their order.
     """
     observations = venv.reset()
+    assert isinstance(observations, np.ndarray)
     finished: dict[int, Episode] = {}
     while len(finished) < venv.num_envs:
         after, _, dones, infos = venv.step(policy.predict(observations)[0])

@@ -29,7 +29,7 @@ from moral_algorithms.worlds import WorldSpec
 class CoveringConfig:
     """How a policy for all weights is trained."""
 
-    steps: int = 4_000_000
+    steps: int = 5_000_000
     """Environment steps."""
     span: float = 30.0
     """Each weight is log-uniform over a range of this ratio: which weights balance components depends on
@@ -37,7 +37,9 @@ class CoveringConfig:
     primary_weight: float = 1.5
     """How much larger primary components' weights are drawn than learned ones'. A learned reward charges for
     all that its expert did not do; what is given pays only under weights that outweigh that."""
-    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy_start=0.03, entropy_end=0.005))
+    ppo: PPOConfig = field(
+        default_factory=lambda: PPOConfig(learning_rate=2e-3, entropy_start=0.03, entropy_end=0.005)
+    )
     """Hyperparameters of PPO; the network must be fast."""
 
     def __post_init__(self) -> None:

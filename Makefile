@@ -34,11 +34,13 @@ demo: $(VENV)/.runtime
 live: $(VENV)/.live
 	$(BIN)/moral live $(LIVE_ARGS)
 
-# One thread per worker; three workers on two cores, since many a test waits for a process or a page.
+# The two environments are made side by side. One thread per worker; three workers on two cores, since many a
+# test waits for a process or a page.
 test: export OMP_NUM_THREADS := 1
-test: $(VENV)/.test
+test:
+	@$(MAKE) --no-print-directory -j 2 $(VENV)/.test $(VENV)/.alone
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --ignore tests/envs
-	PIP_ARGS="$(PIP_ARGS)" tools/check_envs_alone.sh $(PYTEST_ARGS)
+	PIP_ARGS="$(PIP_ARGS)" tools/envs_alone.sh test $(PYTEST_ARGS)
 
 lint: $(VENV)/.lint
 	$(BIN)/ruff check
@@ -76,11 +78,18 @@ $(VENV)/.created:
 	@touch $@
 
 # Without build isolation the backend has the version that constraints.txt pins, and is installed once.
-$(VENV)/.runtime: $(VENV)/.created constraints.txt pyproject.toml envs/pyproject.toml algorithms/pyproject.toml
-	@echo "Installing moral-envs, moral-algorithms and what they need into $(VENV): PyTorch may take minutes"
+$(VENV)/.build: $(VENV)/.created constraints.txt pyproject.toml
 	@$(PIP_INSTALL) pip
 	@$(PIP_INSTALL) --group build
+	@touch $@
+
+$(VENV)/.runtime: $(VENV)/.build envs/pyproject.toml algorithms/pyproject.toml
+	@echo "Installing moral-envs, moral-algorithms and what they need into $(VENV): PyTorch may take minutes"
 	@$(PIP_INSTALL) --no-build-isolation -e envs -e algorithms
+	@touch $@
+
+$(VENV)/.alone: $(VENV)/.build envs/pyproject.toml tools/envs_alone.sh
+	@PIP_ARGS="$(PIP_ARGS)" tools/envs_alone.sh install
 	@touch $@
 
 $(VENV)/.live: $(VENV)/.runtime
@@ -106,11 +115,10 @@ $(VENV)/.lint: $(VENV)/.test
 	@touch $@
 
 # Without moral-algorithms: the site shows moral-envs, and needs no PyTorch.
-$(VENV)/.docs: $(VENV)/.created constraints.txt pyproject.toml envs/pyproject.toml
+$(VENV)/.docs: $(VENV)/.build envs/pyproject.toml
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	  echo "the site needs Python 3.11 or newer: make clean, then make docs PYTHON=/path/to/python3" >&2; exit 1; }
 	@echo "Installing moral-envs and Sphinx into $(VENV)"
-	@$(PIP_INSTALL) pip
-	@$(PIP_INSTALL) --group build --group docs
+	@$(PIP_INSTALL) --group docs
 	@$(PIP_INSTALL) --no-build-isolation -e envs
 	@touch $@

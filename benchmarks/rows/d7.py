@@ -123,4 +123,5 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
+    changed="MORAL's agents, whose returns DRLHP is to reach, were made again (see D6), and so was DRLHP.",
 )

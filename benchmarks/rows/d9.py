@@ -83,5 +83,5 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
-    changed="Nine of the ratios were taken first; see D8.",
+    changed="Nine of the ratios were taken first; see D8, and D6 for the episodes.",
 )

@@ -337,7 +337,7 @@ def test_all_faces_give_one_trace_in_full_episodes(world: World, num_agents: int
     ids=["people walk", "rooms and horizons differ", "a floor plan", "the goal ends it"],
 )
 def test_all_faces_give_one_trace_where_episodes_differ(world: World, num_agents: int) -> None:
-    actions = random_actions(num_agents, 8, world, num_agents)
+    actions = random_actions(num_agents, 6, world, num_agents)
     trace = require_one_trace(Case(world, num_agents, 3, actions), head_start=4)
     lengths = {len(episode.rewards) for episode in trace}
     if world.layout is not None and world.layout.max_cycles is not None:

@@ -54,7 +54,7 @@ def itemised_engines(draw: st.DrawFn) -> Engine:
     world = itemised(draw(small_worlds(num_agents) | package_worlds))
     engine = Engine(
         world,
-        draw(st.sampled_from([3, 8, 16])),
+        draw(st.sampled_from([8, 16])),
         num_agents,
         draw(st.booleans()),
         draw(st.none() | st.integers(1, 3)),

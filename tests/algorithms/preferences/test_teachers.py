@@ -84,6 +84,13 @@ def test_ratio_agrees_with_the_formula(counters: list[int]) -> None:
         )
 
 
+@given(st.permutations(range(3)), st.lists(st.integers(0, 20), min_size=3, max_size=3), st.integers(1, 5))
+def test_the_same_counts_in_another_order_are_a_tie(order: list[int], counts: list[int], share: int) -> None:
+    teacher = RatioTeacher({name: float(share) for name in DELIVERY[:3]}, DELIVERY)
+    swapped = [counts[place] for place in order]
+    assert teacher.prefer(query([*counts, 0], [*swapped, 2])) is Preference.EQUAL
+
+
 def test_divergence_by_hand() -> None:
     objectives = np.array([[3, 1, 1], [5, 5, 0], [0, 0, 0], [0, 0, 7]])
     half = 0.5 * np.log(0.5 / 0.6) + 0.5 * np.log(0.5 / 0.2)

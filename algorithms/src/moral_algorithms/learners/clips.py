@@ -115,7 +115,7 @@ class Pairs(NamedTuple):
 def draw_pairs(
     rng: np.random.Generator, recording: Recording, length: int, count: int, recent: int | None = None
 ) -> Pairs:
-    """Draw pairs of clips of two different episodes, no pair twice, in random order.
+    """Draw pairs of clips of two different episodes, no pair twice, whichever comes first, in random order.
 
     Parameters
     ----------
@@ -135,7 +135,10 @@ def draw_pairs(
     second = (first + rng.integers(1, num_episodes, size=count)) % num_episodes
     starts = rng.integers(horizon - length + 1, size=(count, 2))
     episodes = rng.permuted(np.stack([first, second], axis=1), axis=1)
-    _, kept = np.unique(np.concatenate([episodes, starts], axis=1), axis=0, return_index=True)
+    # The same two clips are the same pair with their sides swapped.
+    ascending = np.argsort(episodes, axis=1)
+    sides = [np.take_along_axis(values, ascending, axis=1) for values in (episodes, starts)]
+    _, kept = np.unique(np.concatenate(sides, axis=1), axis=0, return_index=True)
     kept.sort()
     return Pairs(episodes[kept], starts[kept], length)
 

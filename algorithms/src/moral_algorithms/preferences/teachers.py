@@ -225,7 +225,8 @@ def ratio_divergence(
     shares = objectives / np.where(total > 0, total, 1)
     # An objective of which nothing was achieved adds 0 log 0 = 0.
     quotients = np.where(shares > 0.0, shares / (ratio / ratio.sum(axis=-1, keepdims=True)), 1.0)
-    divergences = (shares * np.log(quotients)).sum(axis=-1)
+    # Sorted, so that the same terms in another order have the same sum: a tie.
+    divergences = np.sort(shares * np.log(quotients), axis=-1).sum(axis=-1)
     # Rounding takes it below zero.
     return np.where(total[..., 0] > 0, np.maximum(divergences, 0.0), np.inf)
 

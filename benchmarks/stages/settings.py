@@ -171,7 +171,9 @@ def drlhp(profile: Profile, world: WorldSpec, queries: int) -> DRLHPConfig:
     config = replace(drlhp_preset("paper" if profile == "paper" else "fast", world), queries=queries)
     if profile == "smoke":
         reward = replace(config.reward, members=1, initial_updates=20, updates=2)
-        config = replace(config, steps=_SMOKE_STEPS, queries=min(queries, 12), reward=reward, ppo=_SMOKE)
+        # A rollout more, which learns from the answers about the policy that is being trained.
+        steps = _SMOKE_STEPS + _SMOKE.num_envs * _SMOKE.rollout_steps
+        config = replace(config, steps=steps, queries=min(queries, 12), reward=reward, ppo=_SMOKE)
     return config
 
 

@@ -473,6 +473,15 @@ def test_a_stream_does_not_depend_on_the_size_of_the_batch() -> None:
     assert spawn_streams(None, 1)[0] != spawn_streams(None, 1)[0]
 
 
+def test_what_ends_an_episode_is_paid_instead_of_what_every_step_pays() -> None:
+    every, goal = Effect("score", 1.0, "steps"), Effect("score", 5.0, "goals")
+    for terminates, most in ((True, 5.0), (False, 6.0)):
+        fixture = Fixture("goal", "goal", "G", on_stand=goal, terminates=terminates)
+        world = World("w", 4, 4, 5, ("score",), ("steps", "goals"), (), fixture, on_step=every)
+        # A step that only resets pays nothing.
+        assert world.reward_bounds == ([0.0], [most])
+
+
 @given(seed=seeds, bounds=st.lists(st.integers(1, 1000), min_size=1, max_size=20))
 def test_draws_stay_in_bounds_and_depend_on_their_own_stream(seed: int, bounds: list[int]) -> None:
     limits = np.array(bounds, dtype=np.uint64)

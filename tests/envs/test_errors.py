@@ -637,6 +637,12 @@ def test_a_step_outside_an_episode_is_refused() -> None:
 
     vector = emergency_v0.vector_env(3, max_cycles=2, autoreset_mode=AutoresetMode.DISABLED)
     require_one_line(lambda: vector.step([4, 4, 4]), "before the first episode; call reset first")
+    for mask in ([False, False, False], [True, False, False], [False, False, True]):
+        vector.reset(seed=0, options={"reset_mask": np.array(mask)})
+        told = "the first episode" + (" of environment 1" if any(mask) else "")
+        require_one_line(lambda: vector.step([4, 4, 4]), f"before {told}; call reset first")
+    vector.reset(options={"reset_mask": np.array([False, True, False])})
+    vector.step([4, 4, 4])
     vector.reset()
     vector.step([4, 4, 4])
     vector.reset(options={"reset_mask": np.array([True, False, False])})

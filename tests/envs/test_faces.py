@@ -714,6 +714,17 @@ def test_copies_of_an_environment_that_has_started_go_on_alike(make: str) -> Non
     assert len({_start(copied) for copied in (deepcopy(env), env)}) == 1
 
 
+def test_a_copy_pays_what_its_original_pays() -> None:
+    """Whatever has become of the list that the original was made with."""
+    names = [["extinguish"], ["save"]]
+    env = emergency_v0.parallel_env(2, agent_rewards=names)
+    names.reverse()
+    for copied in (deepcopy(env), pickle.loads(pickle.dumps(env))):  # noqa: S301
+        np.testing.assert_array_equal(copied.engine.agent_rewards, [[1, 0], [0, 1]])
+    by_agent = {"agent_0": ["extinguish"], "agent_1": ["save"]}
+    pickle.dumps(emergency_v0.parallel_env(2, agent_rewards=by_agent.values()))
+
+
 def test_partial_resets_give_each_environment_entropy_once() -> None:
     env = delivery_v0.vector_env(2)
     env.reset(options={"reset_mask": np.array([True, False])})

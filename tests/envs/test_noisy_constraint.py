@@ -542,7 +542,12 @@ def test_a_batch_refuses_a_step_before_its_first_episode(mode: AutoresetMode) ->
     envs = noisy_constraint_v0.vector_env(2, autoreset_mode=mode)
     with pytest.raises(ValueError, match=r"^actions were given before the first episode; call reset first$"):
         envs.step([0, 1])
-    envs.reset(seed=0)
+    envs.reset(seed=0, options={"reset_mask": np.array([True, False])})
+    with pytest.raises(
+        ValueError, match=r"^actions were given before the first episode of environment 1; call"
+    ):
+        envs.step([0, 1])
+    envs.reset(options={"reset_mask": np.array([False, True])})
     assert envs.step([0, 1])[2].tolist() == [True, True]
 
 

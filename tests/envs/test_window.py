@@ -141,6 +141,12 @@ def test_the_panel_has_rewards_returns_and_counters() -> None:
         "  people_saved      0      0",
     ]
     assert panel.totals == ("extinguish 0.2, save -0.25", "goal_time 0, people_saved 0")
+    # Small amounts are shown, and amounts that cancel leave nothing.
+    panel.reset()
+    for amount in (0.125, 0.004, -0.004):
+        panel.add(np.array([[amount, 0.1], [0, -0.1]], dtype=np.float32))
+    assert "-0.004" in panel.text
+    assert panel.totals[0] == "extinguish 0.125, save 0"
     panel.reset()
     assert panel.totals[0] == "extinguish 0, save 0"
 

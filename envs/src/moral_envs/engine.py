@@ -102,7 +102,9 @@ class Engine:
         self.team_reward = team_reward
         self.view_radius = view_radius
         self.agent_rewards = _require_agent_rewards(agent_rewards, world, num_agents)
-        self._arguments = (world, num_envs, num_agents, team_reward, view_radius, agent_rewards)
+        # Their own: what the caller does to the lists later is not for copies of this engine.
+        names = None if agent_rewards is None else tuple(tuple(listed) for listed in agent_rewards)
+        self._arguments = (world, num_envs, num_agents, team_reward, view_radius, names)
         self.action_shape: tuple[int, ...] = (num_envs, num_agents)
         """The shape that the message about actions of another shape asks for; faces put their own here."""
         self._streams = spawn_streams(None, num_envs)

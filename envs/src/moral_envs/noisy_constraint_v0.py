@@ -80,7 +80,14 @@ from pettingzoo import AECEnv, ParallelEnv
 from moral_envs.arguments import as_integer, is_finite, require_integer
 from moral_envs.diagram import STATE_NAMES, draw_ansi, draw_rgb
 from moral_envs.faces.common import Frame, of_agent, require_render_mode
-from moral_envs.faces.resets import Seeds, known_seed, require_mask, require_streams
+from moral_envs.faces.resets import (
+    Seeds,
+    before_the_first_episode,
+    known_seed,
+    require_mask,
+    require_streams,
+    still_waiting,
+)
 from moral_envs.streams import draw_integers, seed_unseeded, spawn_streams
 
 __all__ = ["env", "parallel_env", "single_env", "success_probability", "vector_env"]
@@ -363,7 +370,8 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         self.reward_names = REWARD_NAMES
         self.objective_names = OBJECTIVE_NAMES
         self.agent_reward_names = (REWARD_NAMES,)
-        self._started = False
+        # Which environments wait for their first reset; None: none.
+        self._unstarted: NDArray[np.bool_] | None = np.ones(num_envs, dtype=np.bool_)
 
     def reset(self, *, seed: Seeds = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Start episodes in all environments, or in those of ``options["reset_mask"]``.
@@ -378,15 +386,15 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         super().reset(seed=as_integer(seed))
         self._decisions.seed_unseeded(known_seed(self.np_random_seed), mask)
         self._decisions.reset(mask)
-        self._started = True
+        self._unstarted = still_waiting(self._unstarted, mask)
         return self._decisions.observe(), self._infos()
 
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, Reward, NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Take one step in every environment; ``actions`` are integers of shape (n,)."""
-        if not self._started:
-            raise ValueError("actions were given before the first episode; call reset first")
+        if self._unstarted is not None:
+            raise ValueError(before_the_first_episode(self._unstarted))
         deciding = self._decisions.states == _START
         if self.autoreset_mode == AutoresetMode.DISABLED and not deciding.all():
             ended = int(deciding.argmin())

@@ -94,6 +94,7 @@ def _listed(pairs: Iterable[tuple[str, object]]) -> str:
 
 
 def _numbers(values: NDArray[np.float64], form: str) -> list[list[str]]:
-    """Write numbers by agent and name as rows by name; float32 has no more than the digits that are kept."""
-    rounded = values.T.round(2).tolist()
+    """Write numbers by agent and name as rows by name, with no more digits than float32 has."""
+    # What is left of amounts that cancel is nothing.
+    rounded = values.T.round(6).tolist()
     return [[format(number, form) if number else "0" for number in row] for row in rounded]

@@ -378,13 +378,19 @@ class World:
 
     @property
     def reward_bounds(self) -> tuple[list[float], list[float]]:
-        """The least and the most that one agent's step can add to each reward component."""
+        """The least and the most that one agent's step can add to each reward component, 0 among them.
+
+        A step that only resets pays 0, even in a world that pays on every step.
+        """
         touched = [effect for kind in self.objects for effect in (kind.on_interact, kind.on_enter) if effect]
         stood = [] if self.fixture is None else [self.fixture.on_stand]
         always = [] if self.on_step is None else [self.on_step]
+        # The step that ends an episode pays for that alone.
+        ends = self.fixture is not None and self.fixture.terminates
+        exclusive = [touched, always + stood] if ends else [touched, always, stood]
         low, high = [], []
         for name in self.reward_names:
-            groups = [[e.amount for e in group if e.reward == name] for group in (touched, always, stood)]
+            groups = [[e.amount for e in group if e.reward == name] for group in exclusive]
             low.append(sum(min([0.0, *amounts]) for amounts in groups))
             high.append(sum(max([0.0, *amounts]) for amounts in groups))
         return low, high

@@ -229,9 +229,15 @@ def test_impossible_weights_are_refused_and_change_nothing(weights: object, mess
     np.testing.assert_array_equal(venv.weights, [1, 2])
 
 
-def test_weights_are_handed_out_as_a_copy() -> None:
-    venv = scalarised(weights=(1.0, 2.0))
+def test_weights_are_taken_and_handed_out_as_a_copy() -> None:
+    given = np.array([1, 2], dtype=np.float32)
+    venv = scalarised(weights=given)  # type: ignore[arg-type]
+    given[:] = -1
     venv.weights[:] = 7
+    np.testing.assert_array_equal(venv.weights, [1, 2])
+    state = venv.state_dict()
+    venv.load_state_dict(state)
+    state["weights"][:] = 9
     np.testing.assert_array_equal(venv.weights, [1, 2])
 
 

@@ -82,6 +82,16 @@ def test_the_same_seed_gives_the_same_result(
     assert (tmp_path / "other" / "queries.jsonl").read_bytes() != (aligned / "queries.jsonl").read_bytes()
 
 
+def test_a_run_that_was_cut_off_leaves_nothing_to_the_next(stages: Stages, tmp_path: Path) -> None:
+    out = tmp_path / "covered"
+    for known in ("0.5", "7"):
+        (out / "summary.json").unlink(missing_ok=True)
+        returns = ("--returns", "extinguish", known)
+        assert run(*COVER, "--rewards", stages.airl, *returns, "--out", out) == 0
+    normalisers = json.loads((out / "normalisers.json").read_text())
+    assert normalisers["extinguish"]["return"] == 7
+
+
 def test_an_interrupted_run_keeps_its_answers(
     covered: Path, aligned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from moral_algorithms.bridge import PrimaryReward
 from moral_algorithms.learners.alignment import AlignmentConfig, ask_teacher
 from moral_algorithms.learners.covering import CoveringConfig, train_covering
 from moral_algorithms.learners.moral import AlignedAgent
+from moral_algorithms.learners.ppo import Progress
 from moral_algorithms.networks.conditioned import ConditionedPolicy
 from moral_algorithms.preferences import LexicographicTeacher, NoisyTeacher, Preference, Query, Teacher
 from moral_algorithms.run_directory import RunDirectory
@@ -151,6 +153,44 @@ def test_a_skipped_query_is_replaced(policy: ConditionedPolicy, tmp_path: Path) 
     assert len(teacher.asked) == 5
     assert agent.env_steps == (3 + 2 + 1) * 16 * 8
     assert (teacher.asked[0].returns != teacher.asked[1].returns).any()
+
+
+def test_a_teacher_who_skips_is_resumed_exactly(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    class EveryOther(Recorder):
+        """Skips every other query, those that it was asked before a crash included."""
+
+        def prefer(self, query: Query) -> Preference | None:
+            answer = super().prefer(query)
+            return answer if len(self.asked) % 2 == 0 else None
+
+        def state_dict(self) -> dict[str, Any]:
+            return {"asked": len(self.asked)}
+
+        def load_state_dict(self, state: Mapping[str, Any]) -> None:
+            self.asked = [Query(np.zeros((2, 2)), np.zeros((2, 2), dtype=np.int64))] * state["asked"]
+
+    whole = ask(policy, EveryOther("goal_time"), tmp_path / "whole", queries=4)
+    assert whole.env_steps == (2 * 4 + 1) * 16 * 8
+    queries = (tmp_path / "whole" / "queries.jsonl").read_bytes()
+    for kept in (1, 2, 4):
+        folder = tmp_path / f"kept {kept}"
+        folder.mkdir()
+        (folder / "queries.jsonl").write_bytes(b"".join(queries.splitlines(keepends=True)[:kept]))
+        resumed = ask(policy, EveryOther("goal_time"), folder, queries=4, resume=True)
+        np.testing.assert_array_equal(resumed.weights, whole.weights)
+        for name in ("queries.jsonl", "metrics.jsonl"):
+            assert (folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_progress_ends_at_its_total(policy: ConditionedPolicy, tmp_path: Path) -> None:
+    told: list[Progress] = []
+    teacher = Recorder("goal_time", skip=2)
+    ask_teacher(
+        EMERGENCY, COMPONENTS, policy, teacher, config(queries=3), 5, RunDirectory(tmp_path), told.append
+    )
+    assert [progress.steps for progress in told] == [128 * count for count in range(1, 7)]
+    assert all(progress.steps <= progress.total_steps for progress in told)
+    assert told[-1].steps == told[-1].total_steps
 
 
 def test_a_teacher_who_skips_everything_is_asked_no_more(policy: ConditionedPolicy, tmp_path: Path) -> None:

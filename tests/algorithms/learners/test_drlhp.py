@@ -512,6 +512,13 @@ def test_configurations_that_do_not_fit_the_world_are_refused() -> None:
         require_fitting(config(clip_length=9), WORLD)
     with pytest.raises(ValueError, match="steps is 64; it must be more than the 64 of the untrained policy"):
         require_fitting(config(steps=64), WORLD)
+    # What the second rollout of the policy learns from, the first one's episodes, must be there before it.
+    with pytest.raises(
+        ValueError, match="steps is 128; it must be at least 129, for queries are about whole"
+    ):
+        require_fitting(config(steps=128), WORLD)
+    require_fitting(config(steps=129), WORLD)
+    require_fitting(config(steps=128, initial_share=1.0), WORLD)
     with pytest.raises(ValueError, match=r"ppo\.num_envs is 1; it must be at least 2"):
         require_fitting(config(ppo=ppo_config(num_envs=1)), WORLD)
     with pytest.raises(ValueError, match="episodes must all take the same number of steps"):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from moral_algorithms.bridge import PrimaryReward, Replay
 from moral_algorithms.learners import resuming
 from moral_algorithms.learners.inference import make_posterior
-from moral_algorithms.learners.moral import MoralConfig, train_moral
+from moral_algorithms.learners.moral import MoralConfig, require_trainable, train_moral
 from moral_algorithms.learners.ppo import Progress
 from moral_algorithms.preferences import (
     ACQUISITIONS,
@@ -29,6 +29,7 @@ from moral_algorithms.preferences import (
 )
 from moral_algorithms.run_directory import RunDirectory, append_line, read_lines
 from moral_algorithms.storage import StorageError, read_tensors
+from moral_envs import windy_wall_v0
 from moral_envs.engine import Engine
 from tests.algorithms.full_disk import files_in, full_disk
 from tests.algorithms.learners.stopping import Recorder, require_same, stop_at
@@ -107,6 +108,19 @@ def test_a_training_without_whole_episodes_before_its_end_is_refused(tmp_path: P
     with pytest.raises(ValueError, match=r"^steps is 64; it must be at least 65, for queries compare whole"):
         run(tmp_path / "two", Recorder(), config(steps=64, queries=1))
     assert run(tmp_path / "three", Recorder(), config(steps=64, queries=0)).queries == b""
+    # Episodes that end in the second rollout of 40 steps, after which a third one begins.
+    ppo = ppo_config(num_envs=8, rollout_steps=5, batch_size=40, epochs=1)
+    with pytest.raises(ValueError, match=r"^steps is 80; it must be at least 81, for queries compare whole"):
+        run(tmp_path / "four", Recorder(), config(steps=80, queries=1, ppo=ppo))
+    assert run(tmp_path / "five", Recorder(), config(steps=81, queries=1, ppo=ppo)).queries.count(b"\n") == 1
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
+    alone = config(ppo=ppo_config(num_envs=1, rollout_steps=8, batch_size=8, epochs=1))
+    with pytest.raises(ValueError, match=r"^ppo\.num_envs is 1; it must be at least 2, to compare episodes"):
+        run(tmp_path / "alone", Recorder(), alone)
+    with pytest.raises(ValueError, match="episodes must all take the same number of steps"):
+        require_trainable(config(), windy_wall_v0.world())
 
 
 def require_equal(got: Result, expected: Result) -> None:

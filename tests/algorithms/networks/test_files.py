@@ -120,6 +120,14 @@ def test_another_header_is_refused_in_one_line(changes: dict[str, Any], message:
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("normaliser", [0.0, -3.2, float("nan"), float("inf")])
+def test_a_normaliser_that_cannot_divide_is_not_written(normaliser: float, tmp_path: Path) -> None:
+    path = tmp_path / "reward.safetensors"
+    with pytest.raises(ValueError, match=f"normaliser is {normaliser}; it must be positive and finite"):
+        save_reward(path, ShapedRewardNetwork(SHAPE), normaliser, EMERGENCY)
+    assert not path.exists()
+
+
 @pytest.mark.parametrize("normaliser", [0.0, -1.0, float("nan"), float("inf"), "much", None])
 def test_a_normaliser_that_cannot_divide_is_refused(normaliser: Any, tmp_path: Path) -> None:
     path = tmp_path / "reward.safetensors"

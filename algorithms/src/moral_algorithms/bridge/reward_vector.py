@@ -190,14 +190,14 @@ def _share_encodings(components: Iterable[RewardComponent]) -> None:
 
 
 def require_weights(weights: ArrayLike, names: Sequence[str]) -> NDArray[np.float32]:
-    """Scalarisation weights as float32 of shape (k,), checked.
+    """Scalarisation weights as a fresh float32 array of shape (k,), checked.
 
     Raises
     ------
     ValueError
         If there is not one finite, non-negative weight per component, or all are zero.
     """
-    array = np.asarray(weights, dtype=np.float32)
+    array = np.array(weights, dtype=np.float32)
     if array.shape != (len(names),):
         raise ValueError(
             f"weights are {array.tolist()}; there must be {len(names)}, one for each of {tuple(names)}"

@@ -12,6 +12,8 @@ from tyro.conf import arg
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
 
+_BRANCH = 100
+
 
 @dataclass(frozen=True)
 class Command(BaseCommand):
@@ -43,8 +45,8 @@ class Command(BaseCommand):
         from moral_algorithms.networks.files import load_policy
 
         policy, world = load_policy(pipeline.find_policy(self.run), self.machine.prepare())
-        # Not the starts that the other commands draw from the same seed: those the agent has learned from.
-        (seed,) = pipeline.spawn_seeds(self.seed, 1)
+        # A branch of the seed that no other command takes: from their starts the agent has learned.
+        seed = pipeline.spawn_seeds(self.seed, _BRANCH + 1)[_BRANCH]
         found = pipeline.evaluate(policy, world, self.episodes, seed, self.deterministic)
         if self.json:
             result = {

@@ -89,7 +89,7 @@ def ask_teacher(
         Entropy of starts, actions, candidates and posterior samples.
     directory
         Where queries and metrics go; the caller holds it. A line of metrics tells what the policy achieves
-        under the posterior mean in the episodes before each query, and in as many at the end.
+        under the posterior mean: in half of the episodes before each query, and in all of those at the end.
     on_progress
         Called after the episodes of each query.
     resume
@@ -144,7 +144,8 @@ def ask_teacher(
             }
             append_line(directory.metrics, line)
             if on_progress is not None:
-                total = (config.queries + 1) * config.episodes * built.horizon
+                skipped = tries - posterior.num_queries
+                total = (config.queries + skipped + 1) * config.episodes * built.horizon
                 on_progress(Progress(env_steps, total, objectives, posterior.num_queries))
             if done:
                 return AlignedAgent(policy.policy_at(weights), weights, env_steps, posterior.num_queries)

@@ -225,6 +225,10 @@ class TeacherAsker:
         if number < len(self._answered):
             # Answered before a crash that came before the checkpoint: the teacher is not asked again.
             answer = self._answered[number]
+            if answer.asked.env_steps > env_steps:
+                # This try was skipped, and a later one answered.
+                episodes.clear()
+                return
             self._teacher.load_state_dict(answer.teacher or {})
         else:
             asked = as_query(number, number, env_steps, first, second)

@@ -38,6 +38,7 @@ from moral_algorithms.learners.ppo import (
     OnProgress,
     PPOConfig,
     learn,
+    least_steps,
     make_ppo,
     sampling_seed,
 )
@@ -271,6 +272,12 @@ def require_fitting(config: DRLHPConfig, world: World) -> None:
         raise ValueError(
             f"steps is {config.steps}; it must be more than the {untrained_steps(config, world)} "
             "of the untrained policy"
+        )
+    least = untrained_steps(config, world) + least_steps(config.ppo, world)
+    if config.queries > config.initial_queries and config.steps < least:
+        raise ValueError(
+            f"steps is {config.steps}; it must be at least {least}, for queries are about whole episodes of "
+            f"{config.ppo.num_envs} environments, and what is learned from them needs a rollout more"
         )
 
 

@@ -1,4 +1,4 @@
-"""MORAL: train under weights that are meanwhile learned from preferences (thesis, algorithms 1 and 5).
+"""MORAL: train under weights that are meanwhile learned from preferences (thesis, algorithm 5).
 
 The reward vector holds primary components, read from the environment, and learned ones, one per expert. PPO
 trains under the posterior mean of the weights. The most informative of many random pairs of recent on-policy
@@ -35,6 +35,7 @@ from moral_algorithms.learners.ppo import (
     OnProgress,
     PPOConfig,
     learn,
+    least_steps,
     make_ppo,
 )
 from moral_algorithms.learners.query_queue import People, QueryQueue
@@ -131,7 +132,7 @@ def train_moral(
     Raises
     ------
     ValueError
-        If there are too few steps for a query.
+        If there are too few steps or environments for a query, or the world's episodes differ in length.
     StorageError
         If something cannot be written, what is to be continued is damaged, or a run has left a checkpoint or
         queries in the directory and ``resume`` is False.
@@ -139,7 +140,7 @@ def train_moral(
     if not resume:
         require_unstarted(directory)
     built = world.build()
-    require_steps(config, built)
+    require_trainable(config, built)
     last_asked = _last_rollout(config)
     ppo_seed, posterior_seed, candidate_seed = spawn_seeds(seed, 3)
     engine = EngineVecEnv(built, config.ppo.num_envs, seed=ppo_seed)
@@ -174,10 +175,14 @@ def train_moral(
     return AlignedAgent(model.policy, posterior.weights(), model.num_timesteps, posterior.num_queries)
 
 
-def require_steps(config: MoralConfig, world: World) -> None:
-    """Raise a ValueError if training in a world is over before there is a query."""
-    least = world.horizon * config.ppo.num_envs + 1
-    if config.queries and not world.ends_early and _last_rollout(config) < least - 1:
+def require_trainable(config: MoralConfig, world: World) -> None:
+    """Raise a ValueError if MORAL cannot train so in this world."""
+    if world.ends_early:
+        raise ValueError(f"world is {world.name}; its episodes must all take the same number of steps")
+    if config.queries and config.ppo.num_envs < 2:
+        raise ValueError(f"ppo.num_envs is {config.ppo.num_envs}; it must be at least 2, to compare episodes")
+    least = least_steps(config.ppo, world)
+    if config.queries and config.steps < least:
         raise ValueError(
             f"steps is {config.steps}; it must be at least {least}, for queries compare whole episodes of "
             f"{config.ppo.num_envs} environments, and what is learned from them needs a rollout more"

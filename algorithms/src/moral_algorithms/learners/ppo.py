@@ -24,6 +24,7 @@ from moral_algorithms.bridge import ScalarisedRewards
 from moral_algorithms.learners.checkpoints import load_optimiser_state, optimiser_state
 from moral_algorithms.networks.policies import POLICIES, EncodingPolicy, EncodingRolloutBuffer
 from moral_algorithms.storage import Arrays, arrays_under
+from moral_envs.world import World
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,15 @@ def make_ppo(
         Logger(None, []) if tensorboard is None else configure(str(tensorboard), ["tensorboard"])
     )
     return model
+
+
+def least_steps(config: PPOConfig, world: World) -> int:
+    """Count the steps of a training in which a rollout follows the first whole episodes.
+
+    What is learned from a comparison of these changes nothing before that.
+    """
+    rollout = config.num_envs * config.rollout_steps
+    return math.ceil(config.num_envs * world.horizon / rollout) * rollout + 1
 
 
 def standard_callbacks(

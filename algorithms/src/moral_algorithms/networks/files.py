@@ -187,9 +187,13 @@ def save_reward(path: StrPath, network: ShapedRewardNetwork, normaliser: float, 
 
     Raises
     ------
+    ValueError
+        If the normaliser is not positive.
     StorageError
         If it cannot be written.
     """
+    if not (math.isfinite(normaliser) and normaliser > 0):
+        raise ValueError(f"normaliser is {normaliser}; it must be positive and finite")
     architecture, gamma = network.architecture, network.gamma
     _save(path, _REWARD, network, world, architecture=architecture, gamma=gamma, normaliser=normaliser)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from moral_algorithms.answers import Answer, read_answers
 from moral_algorithms.learners.expert import ExpertConfig
-from moral_algorithms.learners.moral import MoralConfig, require_steps, train_moral
+from moral_algorithms.learners.moral import MoralConfig, require_trainable, train_moral
 from moral_algorithms.learners.ppo import PPOConfig
 from moral_algorithms.learners.query_queue import People
 from moral_algorithms.learners.recorded import RecordedAnswers
@@ -317,4 +317,4 @@ def _require_startable(run: MoralRun) -> None:
         raise ValueError("teacher is 'recorded', whose answers moral replay takes from other runs")
     require_worlds(run)
     # Only training asks for it otherwise, after the normalisers.
-    require_steps(run.config, run.world.build())
+    require_trainable(run.config, run.world.build())

@@ -17,6 +17,7 @@ from moral_algorithms.pipeline.alignment import read_aligned_summary, read_metri
 from moral_algorithms.pipeline.resuming import read_resumable, resumable
 from moral_algorithms.pipeline.reward_vector import (
     copy_rewards,
+    forget_normalisers,
     normaliser_config,
     primary_normalisers,
     require_reward_vector,
@@ -157,7 +158,7 @@ def cover(directory: RunDirectory, run: CoverRun, setting: Setting) -> dict[str,
     """Train a policy for all weights of a reward vector and save it.
 
     The primary components' normalisers and copies of the reward networks are kept beside it, so that
-    :func:`align` needs nothing else. A run that was cut off is replaced, but for normalisers that it found.
+    :func:`align` needs nothing else. A run that was cut off is replaced.
 
     Parameters
     ----------
@@ -185,6 +186,7 @@ def cover(directory: RunDirectory, run: CoverRun, setting: Setting) -> dict[str,
     require_reward_vector(run)
     require_worlds(run)
     with new_run(directory, COVER, run.to_json()):
+        forget_normalisers(directory)
         copy_rewards(directory, run)
         normalisers = primary_normalisers(directory, run, primary_seed, setting)
         components = reward_components(directory, run, setting.device)

@@ -161,6 +161,11 @@ def _read_normalisers(path: Path) -> dict[str, dict[str, Any]]:
     return normalisers
 
 
+def forget_normalisers(directory: RunDirectory) -> None:
+    """Remove the normalisers that a run has found which another one replaces."""
+    _normalisers(directory).unlink(missing_ok=True)
+
+
 def primary_normalisers(
     directory: RunDirectory, run: RewardVector, seed: int, setting: Setting
 ) -> dict[str, dict[str, Any]]:

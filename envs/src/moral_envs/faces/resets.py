@@ -38,6 +38,24 @@ def require_mask(options: object, num_envs: int) -> NDArray[np.bool_] | None:
     return mask
 
 
+def still_waiting(
+    waiting: NDArray[np.bool_] | None, mask: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """Which environments still wait after a reset of ``mask``, of all if it is None; None if none does."""
+    if waiting is None or mask is None:
+        return None
+    left = waiting & ~mask
+    return left if left.any() else None
+
+
+def before_the_first_episode(waiting: NDArray[np.bool_]) -> str:
+    """Say what is wrong with actions while some environments wait for their first reset."""
+    if waiting.all():
+        return "actions were given before the first episode; call reset first"
+    env = int(waiting.argmax())
+    return f"actions were given before the first episode of environment {env}; call reset first"
+
+
 def require_streams(seed: object, num_envs: int, mask: NDArray[np.bool_] | None) -> Streams | None:
     """Return the streams of one seed, or of a sequence of them, or raise a ValueError; None without any."""
     everywhere = np.ones(num_envs, dtype=np.bool_) if mask is None else mask

@@ -24,7 +24,14 @@ from moral_envs.faces.common import (
     require_render_mode,
     reward_bounds,
 )
-from moral_envs.faces.resets import Seeds, known_seed, require_mask, require_streams
+from moral_envs.faces.resets import (
+    Seeds,
+    before_the_first_episode,
+    known_seed,
+    require_mask,
+    require_streams,
+    still_waiting,
+)
 from moral_envs.world import World
 
 Result = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
@@ -112,9 +119,9 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
             tuple(world.reward_names[component] for component in paid_components(self.engine, agent))
             for agent in range(agents)
         )
-        # Which environments have ended and still wait for their reset; None: none does.
+        # Which environments wait for their first reset, and which have ended and wait for the next.
+        self._unstarted: NDArray[np.bool_] | None = np.ones(num_envs, dtype=np.bool_)
         self._ended: NDArray[np.bool_] | None = None
-        self._started = False
         self._everywhere = np.ones(num_envs, dtype=np.bool_)
 
     def reset(
@@ -155,10 +162,8 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
         super().reset(seed=as_integer(seed))
         self.engine.seed_unseeded(known_seed(self.np_random_seed), mask)
         self.engine.reset(mask)
-        self._started = True
-        if self._ended is not None:
-            waiting = self._ended & ~(self._everywhere if mask is None else mask)
-            self._ended = waiting if waiting.any() else None
+        self._unstarted = still_waiting(self._unstarted, mask)
+        self._ended = still_waiting(self._ended, mask)
         return self.engine.observe()[self._shown], self._infos()
 
     def step(self, actions: ArrayLike) -> Result:
@@ -185,11 +190,11 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
         Raises
         ------
         ValueError
-            If the actions are none of this world's or of another shape, or there is no episode; nothing has
-            changed then.
+            If the actions are none of this world's or of another shape, or an environment has no episode;
+            nothing has changed then.
         """
-        if not self._started:
-            raise ValueError("actions were given before the first episode; call reset first")
+        if self._unstarted is not None:
+            raise ValueError(before_the_first_episode(self._unstarted))
         if self._ended is not None and self.autoreset_mode == AutoresetMode.DISABLED:
             ended = int(self._ended.argmax())
             raise ValueError(f"actions were given after the end of environment {ended}; call reset first")

@@ -19,12 +19,17 @@ _NOISE = (0.0, 0.1, 0.2, 0.3)
 
 
 def runs(profile: Profile) -> list[Run]:
-    """List all ratios with 50 queries under every noise, and with random queries without noise."""
+    """List all ratios with 50 queries under every noise, and with random queries without noise.
+
+    Each ratio has noise of its own: with that of its seed nine ratios would share a stroke of bad luck.
+    """
     queries = 10 if profile == "smoke" else _QUERIES
     found: list[Run] = []
     for noise in (0.3,) if profile == "smoke" else _NOISE:
         plain = study_runs(profile, queries)
-        found += [replace(run, teacher=replace(run.teacher, noise=noise)) for run in plain]
+        for stream, run in enumerate(plain, start=1):
+            noisy = replace(run, teacher=replace(run.teacher, noise=noise), stream=stream)
+            found.append(noisy if noise else run)
     return [*found, *study_runs(profile, queries, acquisition="random")]
 
 
@@ -83,5 +88,7 @@ BENCHMARK = Benchmark(
     runs=runs,
     judge=judge,
     draw=draw,
-    changed="Nine of the ratios were taken first; see D8, and D6 for the episodes.",
+    changed="Nine of the ratios were taken first; see D8, and D6 for the episodes. The ratios of a seed shared "
+    "one stream of noise first, of which one in three lost deliveries under noise 0.3; the mean was 0.068, and "
+    "0.008 before the policies were trained with larger steps. Each ratio has a stream of its own since.",
 )

@@ -13,7 +13,10 @@ from moral_algorithms import pipeline
 from moral_algorithms.learners.alignment import AlignmentConfig
 from moral_algorithms.learners.covering import CoveringConfig
 from moral_algorithms.run_directory import RunDirectory, read_lines
+from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import read_json
+
+_PARTS = 100
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,8 @@ class Asked(Run):
     """How the teacher is asked."""
     episodes: int = 500
     """Episodes over which the agent is measured."""
+    stream: int = 0
+    """Which of several with this seed: each has a teacher's noise, starts and candidates of its own."""
 
     def needs(self) -> tuple[Run, ...]:
         """Name the policy."""
@@ -81,6 +86,9 @@ class Asked(Run):
         """Ask, or go on asking, and measure the agent."""
         directory = RunDirectory(workspace.folder)
         seed = stage_seed(self.seed, "moral")
+        if self.stream:
+            # Beyond the seeds that this one's own parts get.
+            seed = spawn_seeds(seed, _PARTS + self.stream)[-1]
         run = pipeline.AlignRun(workspace.of(self.covered), self.teacher, seed, self.config)
         resume = directory.config.exists()
         summary = pipeline.align(directory, run, pipeline.Setting(), resume=resume)

@@ -223,3 +223,11 @@ def test_the_world_alone_can_be_read(tmp_path: Path) -> None:
         Demonstrations.world_of(path)
     with pytest.raises(StorageError, match="there is no demonstration file"):
         Demonstrations.world_of(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize("content", [b"hello\n", b"", b"\x93NUMPY"])
+def test_what_is_no_archive_is_said_to_be_none(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "text"
+    path.write_bytes(content)
+    with pytest.raises(StorageError, match=r"it is no archive of arrays$"):
+        Demonstrations.load(path)

@@ -171,6 +171,9 @@ class Demonstrations:
 
 def _read(path: StrPath, names: Sequence[str]) -> tuple[WorldSpec, dict[str, NDArray[Any]]]:
     """Read the world and some arrays of a file; a StorageError if it is of another format or version."""
+    # Of other files NumPy says that they hold pickled data.
+    if Path(path).is_file() and not zipfile.is_zipfile(path):
+        raise StorageError(f"{path} is damaged or no demonstration file: it is no archive of arrays")
     # NumPy does not close a file that it opened and found damaged.
     with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
         missing = [name for name in names if name not in archive]

@@ -184,7 +184,7 @@ def test_a_component_that_is_never_rewarded_is_refused(
             "ratio is {'goal_time': 9.0}, but teacher is 'target'; it must be 'ratio'",
         ),
         (["--order", "gold"], "the objectives are ['goal_time', 'people_saved']"),
-        (["--noise", "2"], "probability is 2.0; it must be between 0 and 1"),
+        (["--noise", "2"], "noise is 2.0; it must be 0 to 1"),
         (["--acquisition", "luck"], "acquisition is 'luck'; it must be one of"),
         (["--rewards"], "rewards names 0 learned and primary 1 given components; weights need two or more"),
         (["--rewards", "nowhere"], "there is no file nowhere/reward.safetensors"),

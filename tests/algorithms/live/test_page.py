@@ -237,7 +237,19 @@ def test_the_longest_names_fit_into_the_charts(
 # ---- What is drawn -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scene", [scenes.emergency, scenes.delivery])
+def walking() -> StandIn:
+    """Emergency, but in each episode a person takes two steps."""
+    stand_in = scenes.emergency()
+    for episode in stand_in.queries[17]:
+        (row, column), kind = episode["things"][0]["cell"], episode["things"][0]["kind"]
+        episode["things"][0]["gone"] = 2
+        for offset, since, gone in ((1, 2, 4), (2, 4, None)):
+            there = {"kind": kind, "cell": [row, column + offset], "from": since, "gone": gone}
+            episode["things"].append(there)
+    return stand_in
+
+
+@pytest.mark.parametrize("scene", [scenes.emergency, scenes.delivery, walking])
 def test_what_is_drawn_is_what_happened(visit: Callable[..., Any], scene: Callable[[], StandIn]) -> None:
     stand_in = scene()
     patterns = {kind["name"]: kind["pattern"] for kind in stand_in.state["world"]["kinds"]}
@@ -249,7 +261,9 @@ def test_what_is_drawn_is_what_happened(visit: Callable[..., Any], scene: Callab
                     there = {
                         tuple(thing["cell"])
                         for thing in episode["things"]
-                        if thing["kind"] == name and (thing["gone"] is None or thing["gone"] > step)
+                        if thing["kind"] == name
+                        and thing.get("from", 0) <= step
+                        and (thing["gone"] is None or thing["gone"] > step)
                     }
                     assert things(drawn[side], pattern) == there
 

@@ -22,6 +22,7 @@ from moral_algorithms.live.server import make_app
 from moral_algorithms.live.session import LiveSession
 from moral_algorithms.query_folder import QueryFolder
 from moral_algorithms.run_directory import read_lines
+from moral_algorithms.worlds import WorldSpec
 from tests.algorithms.live.browser import LAPTOP, browser_or_skip
 from tests.algorithms.live.runs import TOKEN, WORLD, prepare
 from tests.algorithms.tiny import EMERGENCY
@@ -114,6 +115,21 @@ def test_what_is_drawn_is_what_the_episodes_were(browser: Any, tmp_path: Path) -
                 for episode, engine in zip(asked.episodes, engines, strict=True):
                     engine.step(episode.actions[step][None])
                 page.keyboard.press(".")
+
+
+def test_people_who_walk_are_drawn_where_they_are(browser: Any, tmp_path: Path) -> None:
+    spec = WorldSpec("emergency", {"walk": 1})
+    plays = Plays(spec, tmp_path / "saving.npz", 1, "Save as many people as you can.")
+    rng = np.random.default_rng(0)
+    with visited(browser, plays=plays) as page:
+        wait_for(page, "playing")
+        (play,) = plays._plays.values()
+        for step in range(20):
+            page.wait_for_function("step => window.moral.drawn().step === step", arg=step)
+            drawn = page.evaluate("() => window.moral.drawn().left.things")
+            found = sorted([thing["row"], thing["column"]] for thing in drawn if thing["pattern"] == "person")
+            assert found == np.argwhere(play.engine.world_planes()[0, 2]).tolist()
+            page.keyboard.press(KEYS[rng.integers(len(KEYS))])
 
 
 def test_three_demonstrations_end_in_the_file(browser: Any, tmp_path: Path) -> None:

@@ -105,4 +105,7 @@ def _run(name: str, options: Sequence[str], console: Console) -> int:
     except (ValueError, OSError) as error:
         console.error(f"moral: error: {error}")
         return 2
+    except MemoryError as error:
+        console.error(f"moral: error: there is not enough memory: {error}")
+        return 2
     return 0

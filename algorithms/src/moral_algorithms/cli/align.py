@@ -27,9 +27,10 @@ _KIND = "align"
 class Command(BaseCommand):
     """MORAL without training: learn weights from pairwise preferences about a policy for all weights.
 
-    The policy of `moral cover` plays fresh episodes under the weights that are the best guess so far; the
-    teacher compares two of them; the answer improves the guess. The run directory then holds the policy under
-    the last guess, for `moral evaluate` and `moral watch`.
+    The policy of `moral cover` plays fresh episodes, half of them under the weights that are the best guess
+    so far and half under others that are likely; the teacher compares two of them; the answer improves the
+    guess. The run directory then holds the policy under the last guess, for `moral evaluate` and `moral
+    watch`.
 
     An interrupted run goes on with `moral align --resume --out DIR`; its options are those it was started
     with, of which only device and threads may be changed. No answered query is lost or asked again.

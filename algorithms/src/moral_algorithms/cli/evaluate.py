@@ -23,7 +23,7 @@ class Command(BaseCommand):
     """
 
     run: Path
-    """Run directory of `moral train`, drlhp, expert, airl or demo."""
+    """Run directory of `moral train`, live, replay, align, drlhp, expert, airl or demo."""
     episodes: int = 1000
     """Number of starts, one episode from each."""
     seed: int = 0

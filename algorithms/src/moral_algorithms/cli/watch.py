@@ -17,7 +17,7 @@ class Command(BaseCommand):
     """Play an episode of a policy into a GIF, or into an MP4 with the extra moral-algorithms[video]."""
 
     run: Path
-    """Run directory of `moral train`, drlhp, expert, airl or demo."""
+    """Run directory of `moral train`, live, replay, align, drlhp, expert, airl or demo."""
     out: Path = Path("episode.gif")
     """The picture, .gif or .mp4; one that is there is replaced."""
     seed: int = 0

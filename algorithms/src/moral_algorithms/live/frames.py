@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from moral_algorithms.replay import Replay
 from moral_envs.engine import Engine
 from moral_envs.rendering import draw_ansi
-from moral_envs.world import ACTION_NAMES, World
+from moral_envs.world import ACTION_NAMES, NUM_ACTIONS, NUM_MOVES, World
+
+# Rows and columns from a cell to those that the interactions reach: up, down, left, right.
+_NEIGHBOURS = ((-1, 0), (1, 0), (0, -1), (0, 1))
 
 
 def describe_world(world: World) -> dict[str, Any]:
@@ -34,7 +37,7 @@ def describe_episode(world: World, replay: Replay, counted: bool = True) -> dict
     Parameters
     ----------
     world
-        Where it took place; its objects must not walk.
+        Where it took place.
     replay
         The episode; it may have ended early.
     counted
@@ -55,14 +58,19 @@ def describe_episode(world: World, replay: Replay, counted: bool = True) -> dict
         cells.append(engine.agent_cells[0, 0].tolist())
         counters.append(engine.objectives[0, 0].tolist())
     things = _things(world, np.stack(planes))
-    taken = {thing["gone"]: thing["cell"] for thing in things if thing["gone"] is not None}
+    gone = [(thing["gone"], thing["cell"]) for thing in things]
+    touched = [cells[0]]
+    for step, action in enumerate(replay.actions[:, 0].tolist(), start=1):
+        reached = _touched(cells[step], action)
+        # Who slips moves instead.
+        touched.append(reached if (step, reached) in gone else cells[step])
     # The agent may stand on the fixture and act on its neighbour in one step: two events, in two cells.
     standing = None if world.fixture is None else world.fixture.on_stand.objective
     events = [
         {
             "step": step,
             "objective": name,
-            "cell": cells[step] if name == standing else taken.get(step, cells[step]),
+            "cell": cells[step] if name == standing else touched[step],
         }
         for step in range(1, len(counters))
         for name, before, after in zip(world.objective_names, counters[step - 1], counters[step], strict=True)
@@ -117,14 +125,27 @@ def _lasting(world: World, planes: NDArray[np.uint8]) -> dict[str, Any]:
     return {"walls": ["".join(map(str, row)) for row in planes[0].tolist()], "fixture": fixture}
 
 
+def _touched(cell: list[int], action: int) -> list[int]:
+    """Find the cell that an agent in a cell has acted on: its neighbour, or after a move its own."""
+    if action < NUM_ACTIONS - NUM_MOVES:
+        return cell
+    row, column = _NEIGHBOURS[action - (NUM_ACTIONS - NUM_MOVES)]
+    return [cell[0] + row, cell[1] + column]
+
+
 def _things(world: World, planes: NDArray[np.uint8]) -> list[dict[str, Any]]:
-    """Tell where objects are, and in which state of planes (T + 1, C, H, W) they are gone first."""
+    """Tell in which of the states (T + 1, C, H, W) objects are in a cell first, and first no more.
+
+    Those that walk are told anew in every cell they come to.
+    """
     things = []
     for kind, number in zip(world.objects, range(2, planes.shape[1]), strict=False):
-        for row, column in np.argwhere(planes[0, number]).tolist():
-            gone = np.flatnonzero(planes[:, number, row, column] == 0)
-            first = int(gone[0]) if gone.size else None
-            things.append({"kind": kind.name, "cell": [row, column], "gone": first})
+        there = planes[:, number] > 0
+        before = np.concatenate([np.zeros_like(there[:1]), there[:-1]])
+        for since, row, column in np.argwhere(there & ~before).tolist():
+            gone = np.flatnonzero(~there[since:, row, column])
+            until = since + int(gone[0]) if gone.size else None
+            things.append({"kind": kind.name, "cell": [row, column], "from": since, "gone": until})
     return things
 
 

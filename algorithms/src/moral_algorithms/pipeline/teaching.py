@@ -93,6 +93,8 @@ class TeacherConfig:
             raise ValueError(f"teacher is {self.teacher!r}; it must be one of {known}")
         if self.repeat_every:
             raise ValueError(f"repeat_every is {self.repeat_every}; it must be 0 for a simulated teacher")
+        if not 0 <= self.noise <= 1:
+            raise ValueError(f"noise is {self.noise}; it must be 0 to 1")
         self._refuse_others_options()
         return NoisyTeacher(teachers[self.teacher](), self.noise, rng)
 

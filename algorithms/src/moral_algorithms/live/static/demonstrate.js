@@ -153,9 +153,12 @@ export class Demonstrate {
     shown.cells.push(play.agent);
     shown.actions.push(action);
     shown.steps = step;
-    const there = new Set(play.things.map(({ kind, cell }) => `${kind} ${cell}`));
-    for (const thing of shown.things) {
-      if (thing.gone === null && !there.has(`${thing.kind} ${thing.cell}`)) thing.gone = step;
+    const name = ({ kind, cell }) => `${kind} ${cell}`;
+    const present = shown.things.filter(({ gone }) => gone === null);
+    const [before, now] = [present, play.things].map((things) => new Set(things.map(name)));
+    for (const thing of present) if (!now.has(name(thing))) thing.gone = step;
+    for (const thing of play.things) {
+      if (!before.has(name(thing))) shown.things.push(readThing({ ...thing, from: step }, this.state.world));
     }
   }
 

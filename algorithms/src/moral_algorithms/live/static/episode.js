@@ -8,7 +8,8 @@ export const plain = (name) => name.replaceAll("_", " ");
  * @property {string} kind
  * @property {string} pattern How it is drawn.
  * @property {[number, number]} cell Row and column.
- * @property {?number} gone The first step after which it is not there, or null.
+ * @property {number} from The step after which it is there first: those that walk are told anew in every cell.
+ * @property {?number} gone The first step after which it is not there any more, or null.
  * @property {?string} becomes What is left of it.
  *
  * @typedef {object} Mark
@@ -49,11 +50,11 @@ export function readEpisode(raw, world) {
 }
 
 /** Read one thing of an EPISODE or a PLAY. */
-export function readThing({ kind, cell, gone }, world) {
+export function readThing({ kind, cell, from, gone }, world) {
   const { pattern } = world.kinds.find(({ name }) => name === kind);
   // Nothing but a step onto it makes a vase disappear.
   const becomes = pattern === "vase" ? "shards" : null;
-  return { kind, pattern, cell, gone: gone ?? null, becomes };
+  return { kind, pattern, cell, from: from ?? 0, gone: gone ?? null, becomes };
 }
 
 function readMarks(events, things, fixture) {

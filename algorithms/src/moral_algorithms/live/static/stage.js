@@ -187,10 +187,13 @@ export class Stage {
       const { pattern, row, column } = episode.fixture;
       things.push({ pattern, row, column, fade: 0 });
     }
-    for (const { pattern, cell, gone, becomes } of episode.things) {
+    for (const { pattern, cell, from, gone, becomes } of episode.things) {
+      if (step < from) continue;
       const [row, column] = cell;
       if (gone === null || step < gone) {
-        things.push({ pattern, row, column, fade: 0 });
+        // What walks arrives while it fades where it was.
+        const fade = step > from || from === 0 ? 0 : Math.min(1, 2 - 2 * part);
+        if (fade < 1) things.push({ pattern, row, column, fade });
       } else {
         // It is there until the step that takes it is half done.
         const fade = step > gone ? 1 : Math.max(0, 2 * part - 1);

@@ -110,6 +110,8 @@ def _load(modules: Sequence[str]) -> None:
     if modules and here not in sys.path:
         sys.path.insert(0, here)
     for name in modules:
+        if not all(part.isidentifier() for part in name.split(".")):
+            raise UsageError(f"load is {name!r}; it must be the name of a module, such as my_learner")
         try:
             importlib.import_module(name)
         except ModuleNotFoundError as error:

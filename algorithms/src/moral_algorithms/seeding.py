@@ -18,8 +18,10 @@ def spawn_seeds(seed: int, count: int) -> list[int]:
     Raises
     ------
     ValueError
-        If ``seed`` is negative.
+        If ``seed`` is negative or no integer.
     """
+    if not isinstance(seed, (int, np.integer)):
+        raise ValueError(f"seed is {seed!r}; it must be an integer")
     if seed < 0:
         raise ValueError(f"seed is {seed}; it must be 0 or more")
     return [int(child.generate_state(1)[0]) for child in np.random.SeedSequence(seed).spawn(count)]

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -65,6 +66,18 @@ def test_the_same_seed_gives_the_same_result(finished: Path, tmp_path: Path) -> 
     assert run(*DRLHP, "--out", tmp_path / "other", "--seed", "1") == 0
     policy = "policy.safetensors"
     assert (tmp_path / "other" / policy).read_bytes() != (finished / policy).read_bytes()
+
+
+def test_a_preset_is_for_a_new_run(finished: Path, capsys: Capture) -> None:
+    told = refusal(capsys, "drlhp", "--resume", "--out", finished, "--preset", "paper")
+    assert told == "preset is for a new run; one that goes on has its settings"
+
+
+def test_the_help_shows_the_defaults_of_what_is_asked_for(capsys: Capture) -> None:
+    assert run("drlhp", "--preset", "paper", "--world", "delivery", "--help") == 0
+    told = capsys.readouterr().out
+    assert "12000000" in told
+    assert "delivered" in told
 
 
 @pytest.mark.parametrize(
@@ -187,7 +200,19 @@ def test_a_preset_gives_the_defaults() -> None:
     fast = Command.defaults(["--out", "run"])
     assert fast is not None
     assert fast.config == drlhp_preset("fast", WorldSpec())
-    assert Command.defaults([]) is None
+    bare = Command.defaults([])
+    assert bare is not None
+    assert bare.config == fast.config
+
+
+@pytest.mark.parametrize(
+    "damage", [{"noise": None}, {"order": [1]}, {"ratio": {"people_saved": "much"}}, {"teacher": 3}]
+)
+def test_a_damaged_teacher_is_refused(damage: dict[str, Any]) -> None:
+    value = DRLHPRun(WORLD, TeacherConfig(), 0, drlhp_preset("fast", WORLD)).to_json()
+    value["teacher"] |= damage
+    with pytest.raises(ValueError, match=r"^the run's configuration is damaged: a teacher's settings have"):
+        DRLHPRun.from_json(value)
 
 
 def test_a_run_comes_back_from_json() -> None:

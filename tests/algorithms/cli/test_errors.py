@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import io
+import socket
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -282,3 +283,14 @@ def test_a_demo_does_not_touch_a_folder_that_is_something_else(
     before = contents(stages.expert)
     assert "holds a run of moral expert" in refusal(capsys, *DEMO, "--out", stages.expert)
     assert contents(stages.expert) == before
+
+
+def test_a_page_that_cannot_be_served_leaves_no_run(tmp_path: Path, capsys: Capture) -> None:
+    given = ("--primary", "extinguish", "save", "--returns", "extinguish", "7", "save", "6")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        told = refusal(capsys, "live", *given, "--port", str(port), "--out", tmp_path / "run")
+    assert told.startswith(f"cannot listen on 127.0.0.1:{port}: ")
+    assert not (tmp_path / "run" / "config.json").exists()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from tyro import MISSING
 from tyro.conf import arg
 
 from moral_algorithms import pipeline
@@ -56,6 +57,8 @@ class Command(BaseCommand):
         """When resumed, what the run was started with, else the preset."""
         resumed = find_resumed(options, _KIND)
         if resumed is not None:
+            if any(option.partition("=")[0] == "--preset" for option in options):
+                raise ValueError("preset is for a new run; one that goes on has its settings")
             run = pipeline.read_drlhp_run(resumed.directory)
             return cls(
                 out=resumed.directory.path,
@@ -75,12 +78,12 @@ class Command(BaseCommand):
         parser.add_argument("--rules", nargs="*", default=[])
         early, _ = parser.parse_known_args(list(options))
         rules = _read_rules(early.rules)
-        # Without a folder nothing runs; the help shows the defaults of the dataclass.
-        if early.out is None or early.world is None or early.preset is None or rules is None:
+        if early.world is None or early.preset is None or rules is None:
             return None
         config = pipeline.drlhp_preset(early.preset, WorldSpec(early.world, rules))
         teacher = TeacherConfig(order=pipeline.teacher_order(early.world))
-        return cls(out=early.out, preset=early.preset, teacher=teacher, config=config)
+        out = MISSING if early.out is None else early.out
+        return cls(out=out, preset=early.preset, teacher=teacher, config=config)
 
     @property
     def hint(self) -> str:

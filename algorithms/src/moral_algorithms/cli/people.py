@@ -141,6 +141,7 @@ def ask_people(
     on_page = run.teacher.teacher == "web"
     if on_page:
         launch.require_web()
+        launch.require_open(people.serving)
     answering = people.after(Answering.saved(directory) if resume else Answering())
     names = answering.name_components(run)
     if resume:

@@ -203,6 +203,11 @@ def serve(
         Server(config).run(sockets=[listening])
 
 
+def require_open(serving: Serving) -> None:
+    """Raise a StorageError if a page cannot be served where it is to be."""
+    _open_port(serving, None).close()
+
+
 def _open_port(serving: Serving, known: int | None) -> socket.socket:
     """Listen on the port that is asked for; where none is, on a likely one or else a free one."""
     if serving.port is not None:
@@ -231,7 +236,7 @@ def _read_access(folder: Path) -> tuple[str, int | None]:
         return secrets.token_urlsafe(24), None
     access = read_json(path)
     types = {"version": int, "token": str, "port": int}
-    if not has_fields(access, types):
+    if not (has_fields(access, types) and access["version"] == _VERSION and 0 < access["port"] < 2**16):
         raise StorageError(f"{path} is damaged; remove it, and the session gets a new link")
     return access["token"], access["port"]
 

@@ -81,8 +81,8 @@ def _end_with_parent() -> None:
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command line; returns the exit status."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
+        threading.Thread(target=_end_with_parent, daemon=True).start()
         train(Path(arguments[0]))
     except KeyboardInterrupt:
         return 130

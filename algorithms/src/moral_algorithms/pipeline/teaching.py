@@ -48,7 +48,13 @@ class TeacherConfig:
 
     @classmethod
     def from_json(cls, value: dict[str, Any]) -> TeacherConfig:
-        """Read what :meth:`to_json` wrote; KeyError or TypeError if it is something else."""
+        """Read what :meth:`to_json` wrote; KeyError, TypeError or ValueError if it is something else."""
+        names: list[Any] = [value["teacher"], *value["order"]]
+        numbers: list[Any] = [value["noise"], *dict(value["ratio"]).values(), *dict(value["target"]).values()]
+        if not all(isinstance(name, str) for name in names):
+            raise TypeError(f"a teacher's settings have {names} where there must be names")
+        if not all(isinstance(number, (int, float)) for number in numbers):
+            raise TypeError(f"a teacher's settings have {numbers} where there must be numbers")
         return cls(**{**value, "order": tuple(value["order"])})
 
     @property

@@ -56,7 +56,7 @@ class Game:
         self.actions: list[int] = []
         self.counters = [self.engine.objectives[0, 0].tolist()]
         self.events: list[Json] = []
-        self.things = [{**thing, "gone": None} for thing in self.present]
+        self.things = [{**thing, "from": 0, "gone": None} for thing in self.present]
 
     @property
     def cell(self) -> list[int]:

@@ -1,14 +1,17 @@
-"""What the server tells of an episode, against what the tests' stand-in for it tells step by step."""
+"""What the server tells of an episode, against the tests' stand-in for it and against the engine."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from moral_algorithms.live.frames import describe_episode, describe_world
+from moral_algorithms.live.frames import describe_episode, describe_world, start
 from moral_algorithms.replay import Replay
-from moral_envs import delivery_v0, emergency_v0
+from moral_envs import burning_warehouse_v0, delivery_v0, emergency_v0
 from moral_envs.streams import spawn_streams
 from moral_envs.world import World
 from tests.algorithms.live import stand_in
@@ -54,3 +57,41 @@ def test_saving_a_neighbour_from_the_extinguisher_happens_in_two_cells() -> None
 def test_a_world_is_told_as_it_is() -> None:
     for world in WORLDS:
         assert describe_world(world) == stand_in.describe_world(world)
+
+
+MORE_WORLDS = {
+    "nobody walks": emergency_v0.world(),
+    "people walk": emergency_v0.world(walk=0.7),
+    "people walk and are picked up": burning_warehouse_v0.world(),
+    "vases break": delivery_v0.world(),
+}
+
+
+@pytest.mark.parametrize("world", MORE_WORLDS.values(), ids=MORE_WORLDS.keys())
+def test_everything_is_told_where_it_is(world: World) -> None:
+    rng = np.random.default_rng(0)
+    count = 0
+    for stream in range(5):
+        actions = rng.integers(world.num_actions, size=(world.horizon, 1)).astype(np.uint8)
+        episode = describe_episode(world, Replay(stream, actions))
+        engine = start(world, stream)
+        for step in range(world.horizon + 1):
+            before = engine.world_planes()[0, 2:]
+            if step:
+                engine.step(actions[step - 1][None])
+            planes = engine.world_planes()[0, 2:]
+            for kind, plane in zip(world.objects, planes, strict=False):
+                told = [thing["cell"] for thing in episode["things"] if is_there(thing, kind.name, step)]
+                assert sorted(told) == np.argwhere(plane).tolist()
+            for event in episode["events"]:
+                if event["step"] == step and event["objective"] != "goal_time":
+                    row, column = event["cell"]
+                    # Something was there that the agent could reach.
+                    assert before[:, row, column].any()
+                    assert np.abs(engine.agent_cells[0, 0] - event["cell"]).sum() <= 1
+                    count += 1
+    assert count > 5
+
+
+def is_there(thing: dict[str, Any], kind: str, step: int) -> bool:
+    return thing["kind"] == kind and thing["from"] <= step and (thing["gone"] is None or step < thing["gone"])

@@ -16,6 +16,7 @@ from moral_algorithms.run_directory import RunDirectory, read_lines
 from moral_algorithms.seeding import spawn_seeds
 from moral_algorithms.storage import read_json
 
+# More than the parts that a run spawns from its own seed.
 _PARTS = 100
 
 
@@ -87,7 +88,6 @@ class Asked(Run):
         directory = RunDirectory(workspace.folder)
         seed = stage_seed(self.seed, "moral")
         if self.stream:
-            # Beyond the seeds that this one's own parts get.
             seed = spawn_seeds(seed, _PARTS + self.stream)[-1]
         run = pipeline.AlignRun(workspace.of(self.covered), self.teacher, seed, self.config)
         resume = directory.config.exists()

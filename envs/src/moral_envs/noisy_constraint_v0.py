@@ -82,9 +82,9 @@ from moral_envs.diagram import STATE_NAMES, draw_ansi, draw_rgb
 from moral_envs.faces.common import Frame, of_agent, require_render_mode
 from moral_envs.faces.resets import (
     Seeds,
-    before_the_first_episode,
     known_seed,
     require_mask,
+    require_started,
     require_streams,
     still_waiting,
 )
@@ -393,8 +393,7 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         self, actions: ArrayLike
     ) -> tuple[Observation, Reward, NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Take one step in every environment; ``actions`` are integers of shape (n,)."""
-        if self._unstarted is not None:
-            raise ValueError(before_the_first_episode(self._unstarted))
+        require_started(self._unstarted)
         deciding = self._decisions.states == _START
         if self.autoreset_mode == AutoresetMode.DISABLED and not deciding.all():
             ended = int(deciding.argmin())

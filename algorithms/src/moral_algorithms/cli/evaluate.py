@@ -12,6 +12,7 @@ from tyro.conf import arg
 from moral_algorithms.cli.arguments import BaseCommand, Machine
 from moral_algorithms.cli.console import Console
 
+# Far beyond the parts that any command spawns from its seed.
 _BRANCH = 100
 
 
@@ -45,7 +46,7 @@ class Command(BaseCommand):
         from moral_algorithms.networks.files import load_policy
 
         policy, world = load_policy(pipeline.find_policy(self.run), self.machine.prepare())
-        # A branch of the seed that no other command takes: from their starts the agent has learned.
+        # From the starts that other commands draw the agent has learned.
         seed = pipeline.spawn_seeds(self.seed, _BRANCH + 1)[_BRANCH]
         found = pipeline.evaluate(policy, world, self.episodes, seed, self.deterministic)
         if self.json:

@@ -48,12 +48,11 @@ def still_waiting(
     return left if left.any() else None
 
 
-def before_the_first_episode(waiting: NDArray[np.bool_]) -> str:
-    """Say what is wrong with actions while some environments wait for their first reset."""
-    if waiting.all():
-        return "actions were given before the first episode; call reset first"
-    env = int(waiting.argmax())
-    return f"actions were given before the first episode of environment {env}; call reset first"
+def require_started(waiting: NDArray[np.bool_] | None) -> None:
+    """Raise a ValueError about actions if environments wait for their first reset; None: none does."""
+    if waiting is not None:
+        which = "" if waiting.all() else f" of environment {int(waiting.argmax())}"
+        raise ValueError(f"actions were given before the first episode{which}; call reset first")
 
 
 def require_streams(seed: object, num_envs: int, mask: NDArray[np.bool_] | None) -> Streams | None:

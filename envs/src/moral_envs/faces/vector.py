@@ -26,9 +26,9 @@ from moral_envs.faces.common import (
 )
 from moral_envs.faces.resets import (
     Seeds,
-    before_the_first_episode,
     known_seed,
     require_mask,
+    require_started,
     require_streams,
     still_waiting,
 )
@@ -193,8 +193,7 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
             If the actions are none of this world's or of another shape, or an environment has no episode;
             nothing has changed then.
         """
-        if self._unstarted is not None:
-            raise ValueError(before_the_first_episode(self._unstarted))
+        require_started(self._unstarted)
         if self._ended is not None and self.autoreset_mode == AutoresetMode.DISABLED:
             ended = int(self._ended.argmax())
             raise ValueError(f"actions were given after the end of environment {ended}; call reset first")

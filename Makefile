@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt $(PIP_ARGS)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo live test lint smoke bench strangers docs clean
+.PHONY: help demo live test test-workspace test-envs-alone lint smoke bench strangers docs clean
 .DELETE_ON_ERROR:
 
 help:
@@ -34,13 +34,18 @@ demo: $(VENV)/.runtime
 live: $(VENV)/.live
 	$(BIN)/moral live $(LIVE_ARGS)
 
-# The two environments are made side by side. One thread per worker; three workers on two cores, since many a
-# test waits for a process or a page.
+# Both kinds of tests side by side, for their installing takes one core; what is told of the second comes when it
+# has ended. One thread per worker; three workers on two cores, since many a test waits for a process or a page.
 test: export OMP_NUM_THREADS := 1
 test:
-	@$(MAKE) --no-print-directory -j 2 $(VENV)/.test $(VENV)/.alone
+	@$(MAKE) --no-print-directory -j 2 test-workspace test-envs-alone
+
+test-workspace: $(VENV)/.test
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --ignore tests/envs
-	PIP_ARGS="$(PIP_ARGS)" tools/envs_alone.sh test $(PYTEST_ARGS)
+
+test-envs-alone: $(VENV)/.alone
+	@PIP_ARGS="$(PIP_ARGS)" tools/envs_alone.sh test $(PYTEST_ARGS) > $(VENV)/alone.log 2>&1; status=$$?; \
+	  cat $(VENV)/alone.log; exit $$status
 
 lint: $(VENV)/.lint
 	$(BIN)/ruff check

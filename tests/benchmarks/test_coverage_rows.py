@@ -104,12 +104,20 @@ def test_policies_are_sorted_by_method_and_seed() -> None:
         np.testing.assert_allclose(ppo[seed].collected[0], [10, 0], atol=1e-9)
         assert moral[seed].vases.tolist() == [0.2] * 11
         assert sparing[seed].vases.tolist() == [0.1] * 11
-    volume, vases, against_sparing = d4.judge(results)
+    volume, vases, against_sparing, mixed = d4.judge(results)
     assert not volume.met
     assert vases.met
     # MORAL's ratios lie elsewhere on the circle than the lambdas do.
     assert against_sparing.met
     assert against_sparing.value.endswith(f"that PPO spans {0.95**2:.3f} of the one that pays for none")
+    assert not mixed.met
+
+
+def test_mixtures_fill_the_gaps_of_a_coverage_set() -> None:
+    """(1, 3) and (3, 1) mix to (2, 2), beyond (1.5, 1.5); 1 by 3 and a trapezium lie under them."""
+    collected = np.array([[3.0, 1.0], [1.5, 1.5], [1.0, 3.0]])
+    assert d4.mixed_area(CoverageSet(collected, np.zeros(3))) == pytest.approx(3 + 2 * (3 + 1) / 2)
+    assert d4.mixed_area(CoverageSet(collected[:1], np.zeros(1))) == pytest.approx(3)
 
 
 def in_the_warehouse(run: Run) -> dict[str, Any]:

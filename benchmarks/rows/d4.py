@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
+from scipy.integrate import trapezoid  # type: ignore[import-untyped]
 
 from benchmarks.harness import Benchmark, Check, Profile, Results, Run
 from benchmarks.harness.statistics import spread
@@ -89,8 +89,8 @@ def judge(results: Results) -> list[Check]:
         areas = [mixed_area(found.moral[seed]) / mixed_area(found.ppo[seed]) for seed in both]
         checks.append(
             Check(
-                "with mixtures of policies, which do not depend on where a set's policies lie on its front: MORAL "
-                "spans at least 0.95 of the area that PPO on the true rewards does",
+                "with mixtures of policies, for which it does not matter where on its front a set's policies "
+                "lie: MORAL spans at least 0.95 of the area that PPO on the true rewards does",
                 spread(areas, 3),
                 bool(np.mean(areas) >= 0.95),
                 "ours",
@@ -187,6 +187,6 @@ BENCHMARK = Benchmark(
     draw=draw,
     changed="As for D3; then PPO that pays for vases was added, to tell their price from what is lost "
     "otherwise. When the bar had still been missed, the policy for all weights was given larger steps, and "
-    "as many as PPO's eleven policies together; theirs were made as large. The area of mixtures came last: eleven "
-    "ratios put fewer policies in the middle of the front than eleven lambdas do.",
+    "as many as PPO's eleven policies together; theirs were made as large. The area of mixtures "
+    "came last: eleven ratios put fewer policies in the middle of the front than eleven lambdas do.",
 )

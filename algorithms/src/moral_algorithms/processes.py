@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import torch
 
+# More than any machine has cores.
+_MOST_THREADS = 4096
+
 
 def prepare_process(threads: int = 1) -> None:
     """Set PyTorch up for small networks on few cores.
@@ -18,10 +21,10 @@ def prepare_process(threads: int = 1) -> None:
     Raises
     ------
     ValueError
-        If it is negative.
+        If there can be no such number.
     """
-    if threads < 0:
-        raise ValueError(f"threads is {threads}; it must be 0 or more")
+    if not 0 <= threads <= _MOST_THREADS:
+        raise ValueError(f"threads is {threads}; it must be 0 to {_MOST_THREADS}")
     if threads:
         torch.set_num_threads(threads)
     torch.distributions.Distribution.set_default_validate_args(False)

@@ -101,6 +101,11 @@ def has_fields(value: Any, types: Mapping[str, type]) -> TypeGuard[dict[str, Any
     return isinstance(value, dict) and {name: type(entry) for name, entry in value.items()} == types
 
 
+def are_numbers(*tables: Mapping[str, Any]) -> bool:
+    """Whether all values of tables that were read are numbers."""
+    return all(type(value) in (int, float) for table in tables for value in table.values())
+
+
 def write_tensors(path: StrPath, arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]) -> None:
     """Write arrays and JSON-able metadata as one safetensors file.
 

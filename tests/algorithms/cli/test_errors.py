@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import io
 import socket
+import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,8 @@ Capture = pytest.CaptureFixture[str]
         (["--rules", "speed", "4"], "rules name 'speed'; emergency has"),
         (["--rules", "num_people", "400"], "has 36 free cells"),
         (["--seed", "-1"], "seed is -1; it must be 0 or more"),
-        (["--threads", "-1"], "threads is -1; it must be 0 or more"),
+        (["--threads", "-1"], "threads is -1; it must be 0 to 4096"),
+        (["--threads", "99999999999999999999"], "threads is 99999999999999999999; it must be 0 to 4096"),
     ],
 )
 def test_an_impossible_expert_is_refused(
@@ -283,6 +285,36 @@ def test_a_demo_does_not_touch_a_folder_that_is_something_else(
     before = contents(stages.expert)
     assert "holds a run of moral expert" in refusal(capsys, *DEMO, "--out", stages.expert)
     assert contents(stages.expert) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            ["--world", "burning_warehouse"],
+            "world is 'burning_warehouse'; for people to play in it must be one of ['delivery', 'emergency']",
+        ),
+        (["--norm", "clean"], "norm is 'clean'; in emergency it must be one of ['extinguish', 'save']"),
+        (["--terminal"], "standard input is closed; it must be open for keys to come from it"),
+    ],
+)
+def test_what_a_person_cannot_play_leaves_nothing(
+    options: list[str], message: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    given = ("--out", tmp_path / "saving.npz", *options)
+    assert refusal(capsys, "demonstrate", "--human", *given) == message
+    assert not list(tmp_path.iterdir())
+
+
+def test_nobody_is_asked_in_a_terminal_that_gives_no_keys(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    given = ("--primary", "extinguish", "save", "--returns", "extinguish", "7", "save", "6")
+    told = refusal(capsys, "train", "--teacher", "terminal", *given, "--out", tmp_path / "run")
+    assert told.startswith("standard input is closed")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_page_that_cannot_be_served_leaves_no_run(tmp_path: Path, capsys: Capture) -> None:

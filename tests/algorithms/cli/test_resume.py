@@ -337,11 +337,14 @@ def test_a_finished_training_without_metrics_takes_one_line(unfinished: Path, ca
     assert f"{unfinished / 'metrics.jsonl'} is damaged: it holds no rollout" in message
 
 
-def test_a_damaged_summary_takes_one_line(unfinished: Path, capsys: Capture) -> None:
+def test_a_damaged_summary_takes_one_line(stages: Stages, unfinished: Path, capsys: Capture) -> None:
     summary = unfinished / "summary.json"
-    summary.write_text("{}")
-    message = refusal(capsys, "train", "--resume", "--out", unfinished)
-    assert message == f"{summary} is damaged: it is not the summary of a run of moral train"
+    whole = json.loads((stages.moral / "summary.json").read_text())
+    for damage in ({"weights": {"extinguish": "most"}}, {"objectives": {"saved": None}}, None):
+        damaged = {} if damage is None else {**whole, **damage}
+        summary.write_text(json.dumps(damaged))
+        message = refusal(capsys, "train", "--resume", "--out", unfinished)
+        assert message == f"{summary} is damaged: it is not the summary of a run of moral train"
 
 
 def test_without_a_damaged_checkpoint_the_answers_are_enough(

@@ -24,6 +24,7 @@ from moral_algorithms.preferences import (
     BradleyTerry,
     ExponentialProxy,
     LexicographicTeacher,
+    NoisyTeacher,
     RationalityPrior,
     Teacher,
 )
@@ -421,6 +422,19 @@ def test_a_damaged_answer_is_named_before_training(
         run(tmp_path, silent, config())
     assert "\n" not in str(error.value)
     assert not (tmp_path / "metrics.jsonl").exists()
+
+
+def test_a_teacher_that_cannot_go_on_from_what_is_recorded_is_named(
+    tmp_path: Path, uninterrupted: tuple[Path, Result, Recorder]
+) -> None:
+    answers = read_lines(uninterrupted[0] / "queries.jsonl")
+    answers[0]["teacher"] = {"rng": 0}
+    for answer in answers:
+        append_line(tmp_path / "queries.jsonl", answer)
+    noisy = NoisyTeacher(Recorder(), 0.1, np.random.default_rng(0))
+    with pytest.raises(StorageError, match=r"queries\.jsonl is damaged: it holds a state that") as error:
+        run(tmp_path, noisy, config())
+    assert "\n" not in str(error.value)
 
 
 def test_a_checkpoint_of_another_run_is_refused(

@@ -30,3 +30,11 @@ def test_training_is_gone_when_ctrl_c_is_pressed_again(
     with pytest.raises(KeyboardInterrupt):
         training.end()
     assert process.returncode == -signal.SIGKILL
+
+
+def test_why_training_has_failed_is_told_as_the_command_itself_would(tmp_path: Path) -> None:
+    (tmp_path / "live").mkdir()
+    training = launch.Training(tmp_path)
+    assert training.wait() == "failed"
+    training.end()
+    assert training.failure() == f"there is no run in {tmp_path} to resume; start it without --resume"

@@ -31,7 +31,7 @@ class Machine:
         Raises
         ------
         ValueError
-            If there is no such device, or the number of threads is negative.
+            If there is no such device, or there can be no such number of threads.
         """
         import torch
 

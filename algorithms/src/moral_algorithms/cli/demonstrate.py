@@ -52,6 +52,8 @@ class Command(BaseCommand):
     def hint(self) -> str:
         """How to go on after an interruption."""
         if self.human:
+            if not self.out.exists():
+                return "no episode was kept; start again"
             return f"what was kept is in {self.out}; start again to add to it"
         return f"{self.out} is not written; start again"
 
@@ -83,14 +85,20 @@ class Command(BaseCommand):
             raise ValueError(f"expert is {self.expert}; with --human there must be none")
         spec = WorldSpec(self.world, self.rules)
         wanted = _HUMAN_EPISODES if self.episodes is None else self.episodes
+        instruction = find_instruction(spec, self.norm)
+        if self.terminal:
+            from moral_algorithms.live.terminal import require_keys
+
+            require_keys()
+        else:
+            require_web()
         with hold_plays(self.out) as folder:
-            plays = Plays(spec, self.out, wanted, find_instruction(spec, self.norm))
+            plays = Plays(spec, self.out, wanted, instruction)
             if self.terminal:
                 from moral_algorithms.live.terminal import play_in_terminal
 
                 play_in_terminal(plays)
             else:
-                require_web()
                 self._serve(console, plays, folder)
         if plays.num_kept == 0:
             raise KeyboardInterrupt

@@ -142,6 +142,10 @@ def ask_people(
     if on_page:
         launch.require_web()
         launch.require_open(people.serving)
+    else:
+        from moral_algorithms.live.terminal import require_keys
+
+        require_keys()
     answering = people.after(Answering.saved(directory) if resume else Answering())
     names = answering.name_components(run)
     if resume:

@@ -17,7 +17,7 @@ from moral_algorithms.preferences import ACQUISITIONS, Posterior, Query, Teacher
 from moral_algorithms.preferences.teachers import ask, require_teacher
 from moral_algorithms.replay import Replay
 from moral_algorithms.run_directory import append_line, repair_lines
-from moral_algorithms.storage import StorageError
+from moral_algorithms.storage import StorageError, first_line
 
 SIMULATED = "simulated"
 """Who answers where no person does."""
@@ -229,7 +229,7 @@ class TeacherAsker:
                 # This try was skipped, and a later one answered.
                 episodes.clear()
                 return
-            self._teacher.load_state_dict(answer.teacher or {})
+            restore_teacher(self._teacher, answer.teacher or {}, self._path)
         else:
             asked = as_query(number, number, env_steps, first, second)
             preference = ask(self._teacher, asked.pair)
@@ -278,3 +278,19 @@ def as_query(
         np.array([first.objectives, second.objectives]),
     )
     return AskedQuery(number, answers, env_steps, pair, (first.replay, second.replay), expected)
+
+
+def restore_teacher(teacher: Teacher, state: dict[str, Any], path: Path) -> None:
+    """Give a teacher the state that a file of answers holds.
+
+    Raises
+    ------
+    StorageError
+        If the teacher cannot have it.
+    """
+    try:
+        teacher.load_state_dict(state)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise StorageError(
+            f"{path} is damaged: it holds a state that its teacher cannot have: {first_line(error)}"
+        ) from error

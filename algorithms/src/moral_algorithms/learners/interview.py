@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moral_algorithms.bridge import Replay
+from moral_algorithms.learners.asking import restore_teacher
 from moral_algorithms.learners.clips import Pairs, Recording, draw_pairs, play_again
 from moral_algorithms.learners.reward_model import RewardModel, disagreement
 from moral_algorithms.preferences import Preference, Query, Teacher
@@ -130,7 +131,7 @@ class Interview:
             if self._given and _moment(self._given[0]) <= (env_steps, slot):
                 # Answered before a crash that came before the checkpoint: the teacher is not asked again.
                 record = self._given.popleft()
-                self._teacher.load_state_dict(record["teacher"])
+                restore_teacher(self._teacher, record["teacher"], self._path)
                 self._keep([record])
             elif not self._given:
                 self._ask_one(recording, pairs, index, returns[index], (env_steps, slot))

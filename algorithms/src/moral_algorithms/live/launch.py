@@ -87,11 +87,11 @@ class Training:
         return self.state()
 
     def failure(self) -> str:
-        """Tell the last line of what it said."""
+        """Tell the last line of what it said, without what a command begins an error with."""
         with contextlib.suppress(OSError):
             lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
             if lines:
-                return lines[-1]
+                return lines[-1].removeprefix("moral: error: ")
         return "training ended without a word"
 
     def end(self) -> None:

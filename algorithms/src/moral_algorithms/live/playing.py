@@ -296,10 +296,12 @@ def find_instruction(spec: WorldSpec, norm: str | None) -> str:
     Raises
     ------
     ValueError
-        If there is no such norm.
+        If there is no such norm, or people cannot play in the world.
     """
-    norms = NORMS.get(spec.name, {})
-    if norm is None and norms:
+    if spec.name not in NORMS:
+        raise ValueError(f"world is {spec.name!r}; for people to play in it must be one of {sorted(NORMS)}")
+    norms = NORMS[spec.name]
+    if norm is None:
         return next(iter(norms.values()))
     if norm not in norms:
         raise ValueError(f"norm is {norm!r}; in {spec.name} it must be one of {sorted(norms)}")

@@ -336,6 +336,12 @@ class Player:
         return [self._plays.instruction, kept, ""]
 
 
+def require_keys() -> None:
+    """Raise a ValueError if no keys can come, as where standard input is closed."""
+    if sys.stdin is None or sys.stdin.closed:
+        raise ValueError("standard input is closed; it must be open for keys to come from it")
+
+
 def play_in_terminal(plays: Plays) -> None:
     """Let a person play in the terminal until enough is kept or they quit."""
     with _screen() as (keys, show):

@@ -32,7 +32,7 @@ from moral_algorithms.pipeline.teaching import RECORDED, TeacherConfig
 from moral_algorithms.preferences import Teacher
 from moral_algorithms.run_directory import RunDirectory, read_lines, write_lines
 from moral_algorithms.seeding import spawn_seeds
-from moral_algorithms.storage import StorageError, has_fields, read_json, write_json
+from moral_algorithms.storage import StorageError, are_numbers, has_fields, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
 KIND = "train"
@@ -299,7 +299,7 @@ def read_aligned_summary(path: Path, kind: str) -> dict[str, Any]:
     """Read the result of a finished run of a kind, checked."""
     summary = read_json(path)
     types = {"queries": int, "weights": dict, "objectives": dict, "env_steps": dict, "wall_seconds": dict}
-    if not has_fields(summary, types):
+    if not (has_fields(summary, types) and are_numbers(summary["weights"], summary["objectives"])):
         raise StorageError(f"{path} is damaged: it is not the summary of a run of moral {kind}")
     return summary
 

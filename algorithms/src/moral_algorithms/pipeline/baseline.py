@@ -22,7 +22,7 @@ from moral_algorithms.pipeline.stage import Setting, StageClock
 from moral_algorithms.pipeline.teaching import TeacherConfig
 from moral_algorithms.run_directory import RunDirectory, read_lines
 from moral_algorithms.seeding import spawn_seeds
-from moral_algorithms.storage import StorageError, has_fields, read_json, write_json
+from moral_algorithms.storage import StorageError, are_numbers, has_fields, read_json, write_json
 from moral_algorithms.worlds import WorldSpec
 
 KIND = "drlhp"
@@ -189,7 +189,7 @@ def _read_summary(directory: RunDirectory) -> dict[str, Any]:
     """Read the result of a finished run, checked."""
     summary = read_json(directory.summary)
     types = {"queries": int, "objectives": dict, "env_steps": int, "wall_seconds": float}
-    if not has_fields(summary, types):
+    if not (has_fields(summary, types) and are_numbers(summary["objectives"])):
         raise StorageError(f"{directory.summary} is damaged: it is not the summary of a run of moral drlhp")
     return summary
 

@@ -48,6 +48,8 @@ def session(
             **status,
         },
         "queue": {
+            "session": "stand-in",
+            "revision": 0,
             "open": [{"query": 17 + i, "expected": 0.04} for i in range(len(episodes))],
             "answered": 12,
             "queries": 25,

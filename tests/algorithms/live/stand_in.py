@@ -196,6 +196,7 @@ class StandIn:
         self.stopped = False
         self.refuse: tuple[int, str] | None = None
         self.lose_reply = False
+        self.late_reply: threading.Event | None = None
         self.foreign = False
         self.down = False
         self.latest: Json | None = None
@@ -204,10 +205,14 @@ class StandIn:
         self.world: World | None = None
         self._listeners: list[queue.Queue[tuple[str, Any] | None]] = []
         self._lock = threading.Lock()
+        self._revision = 0
 
     def change(self, **fields: Any) -> None:
         """Change fields of the state and send them."""
         with self._lock:
+            if "queue" in fields:
+                self._revision += 1
+                fields["queue"] = {**fields["queue"], "session": "stand-in", "revision": self._revision}
             self.state.update(fields)
             for name, value in fields.items():
                 for listener in self._listeners:
@@ -369,6 +374,8 @@ def serving(stand_in: StandIn) -> Iterator[str]:
                 self.close_connection = True
                 stand_in.hang_up(down=False)
             else:
+                if stand_in.late_reply is not None:
+                    stand_in.late_reply.wait()
                 self._reply(*reply)
 
         def _file(self, name: str) -> None:

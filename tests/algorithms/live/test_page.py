@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -465,6 +466,21 @@ def test_an_answer_whose_acknowledgement_was_lost_is_sent_again_and_counts_once(
         wait_for_query(page, 18)
         page.wait_for_function("() => document.querySelector('#answered').textContent === '13'")
     assert [query for query, _ in stand_in.answers] == [17]
+
+
+def test_a_reply_that_an_event_has_overtaken_hides_no_question(visit: Callable[..., Any]) -> None:
+    stand_in = scenes.emergency()
+    with opened(visit, stand_in, "question") as page:
+        # Nothing else is open when the answer arrives; what opens then is told before the answer's reply.
+        opened_later = stand_in.state["queue"]["open"][1:]
+        stand_in.change(queue={**stand_in.state["queue"], "open": stand_in.state["queue"]["open"][:1]})
+        stand_in.late_reply = threading.Event()
+        page.keyboard.press("ArrowLeft")
+        wait_until(page, lambda: bool(stand_in.answers))
+        stand_in.change(queue={**stand_in.state["queue"], "open": opened_later, "queries": 24})
+        page.wait_for_function("() => document.querySelector('#of').textContent === ' of 24'")
+        stand_in.late_reply.set()
+        wait_for_query(page, 18)
 
 
 def test_an_answer_given_while_the_server_is_away_is_kept(visit: Callable[..., Any]) -> None:

@@ -226,25 +226,36 @@ def test_events_begin_with_the_state(run: Path) -> None:
     feed = Feed({"version": 1}, {"queue": session.queue, "status": session.status})
 
     async def listen() -> list[str]:
-        watching = asyncio.create_task(feed.watch())
         listening = feed.listen()
         events = [await anext(listening)]
-        # The next look must have happened before something changes.
-        await asyncio.sleep(0.25)
+        # What changes before the first look is told as well.
         session.answer(0, "first", 1.0, "key-number-1")
-        events.append(await anext(listening))
+        watching = asyncio.create_task(feed.watch())
+        events += [await anext(listening), await anext(listening)]
         set_phase(run, "closing")
         events.append(await anext(listening))
         watching.cancel()
         await listening.aclose()  # type: ignore[attr-defined]
         return events
 
-    state, queue, status = asyncio.run(listen())
+    state, queue, before, status = asyncio.run(listen())
     assert state.startswith("event: state\ndata: ")
     assert json.loads(state.splitlines()[1][6:])["queue"]["answered"] == 0
     assert queue.startswith("event: queue\n")
     assert json.loads(queue.splitlines()[1][6:])["answered"] == 1
-    assert status.startswith("event: status\n")
+    for event, phase in ((before, "training"), (status, "closing")):
+        assert event.startswith("event: status\n")
+        assert json.loads(event.splitlines()[1][6:])["phase"] == phase
+
+
+def test_what_is_told_of_the_queue_is_in_order(run: Path) -> None:
+    session = LiveSession(run, "ada")
+    first, same = session.queue(), session.queue()
+    after = session.answer(0, "first", 1.0, "key-number-1")["queue"]
+    back = session.undo(0, "key-number-2")["queue"]
+    assert same == first
+    assert first["revision"] < after["revision"] < back["revision"]
+    assert first["session"] == after["session"] != LiveSession(run, "ada").queue()["session"]
 
 
 # Who may ask.

@@ -252,8 +252,6 @@ class Feed:
                         # Who does not listen any more is dropped when its connection is.
                         with suppress(asyncio.QueueFull):
                             listener.put_nowait(event)
-            else:
-                self._last = {}
             await asyncio.sleep(_LOOK)
 
     def _changes(self) -> list[str]:
@@ -264,9 +262,9 @@ class Feed:
             except StorageError:
                 # Half a restart away from being readable again; the next look will tell.
                 continue
+            # The first look tells everything: the state that a listener has may be older.
             if self._last.get(name) != content:
-                if name in self._last:
-                    events.append(f"event: {name}\ndata: {content}\n\n")
+                events.append(f"event: {name}\ndata: {content}\n\n")
                 self._last[name] = content
         return events
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import secrets
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -80,6 +81,9 @@ class LiveSession:
         self._book = AnswerBook(directory.queries, who)
         self._lock = threading.Lock()
         self._known: dict[int, AskedQuery] = {}
+        self._name = secrets.token_hex(4)
+        self._revision = 0
+        self._told: dict[str, Any] = {}
 
     @property
     def consent(self) -> dict[str, Any] | None:
@@ -245,11 +249,12 @@ class LiveSession:
         return hashlib.sha256((self.notice or "").encode()).hexdigest()
 
     def _queue(self) -> dict[str, Any]:
+        """Tell QUEUE, under the lock, so that of two which differ the later one has the larger revision."""
         answers = self._book.answers
         again = {number: asked.expected or 0.0 for number, asked in answers.undone.items()}
         expected = again | {n: value for n, value in self._folder.read_open().items() if n not in again}
         last = next(reversed(answers.standing.values()), None)
-        return {
+        told = {
             "open": [
                 {"query": number, "expected": value}
                 for number, value in expected.items()
@@ -260,6 +265,10 @@ class LiveSession:
             "stopping": self._folder.stopped,
             "last": None if last is None else {"query": last.number, "preference": last.said},
         }
+        if told != self._told:
+            self._told = told
+            self._revision += 1
+        return {"session": self._name, "revision": self._revision, **told}
 
     def _find(self, number: int) -> AskedQuery:
         if number not in self._known:

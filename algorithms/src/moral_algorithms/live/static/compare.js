@@ -1,6 +1,6 @@
 /** The view in which a person compares two episodes. */
 
-import { Refusal, drawKey, request } from "./connection.js";
+import { Refusal, drawKey, newerQueue, request } from "./connection.js";
 import { describe, plain, readEpisode } from "./episode.js";
 import { Player } from "./player.js";
 import { Stage } from "./stage.js";
@@ -146,7 +146,7 @@ export class Compare {
     try {
       const reply = await request(`api/queries/${query}/answer`, { preference, seconds, key });
       performance.measure("moral: answer recorded", { start: since });
-      this.state.queue = reply.queue;
+      this.state.queue = newerQueue(this.state.queue, reply.queue);
       this.page.announce(`Recorded: ${SPOKEN[preference]}.`);
       this.#acknowledge(preference);
     } catch (error) {
@@ -186,7 +186,7 @@ export class Compare {
     const { query, key } = this.undone;
     try {
       const reply = await request(`api/queries/${query}/undo`, { key });
-      this.state.queue = reply.queue;
+      this.state.queue = newerQueue(this.state.queue, reply.queue);
       this.undone = null;
       this.question = null;
       await this.#load(query);

@@ -39,6 +39,17 @@ export async function request(path, body) {
   throw new Refusal(response.status, await response.json().catch(() => ({})));
 }
 
+/**
+ * The newer of two QUEUEs: a reply and an event may arrive in the other order than they were told in.
+ *
+ * @param {object|null|undefined} before
+ * @param {object|null} told
+ * @returns {object|null}
+ */
+export function newerQueue(before, told) {
+  return before && told && before.session === told.session && before.revision > told.revision ? before : told;
+}
+
 /** A name that nobody else draws, for what must not be counted twice. */
 export function drawKey() {
   const bytes = crypto.getRandomValues(new Uint8Array(12));

@@ -8,7 +8,7 @@
  */
 
 import { Compare, HELP as COMPARE_HELP } from "./compare.js";
-import { drawKey, follow, request } from "./connection.js";
+import { drawKey, follow, newerQueue, request } from "./connection.js";
 import { Demonstrate, HELP as DEMONSTRATE_HELP } from "./demonstrate.js";
 import { Panel } from "./panel.js";
 
@@ -113,7 +113,9 @@ window.moral = Object.freeze({ drawn: () => view?.drawn() ?? { state: document.b
 page.message({ title: "Connecting", detail: "One moment, please.", busy: true });
 follow({
   event(name, value) {
+    const { queue } = state;
     Object.assign(state, name === "state" ? value : { [name]: value });
+    state.queue = newerQueue(queue, state.queue);
     state.offline = false;
     update();
   },

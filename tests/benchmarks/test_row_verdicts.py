@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.__main__ import find_benchmarks
+from benchmarks.command import find_benchmarks
 from benchmarks.harness import Check, Results, Run
 from benchmarks.rows.e4 import LAMBDAS
 from benchmarks.stages import Aligned, Asked, FromPreferences, Weighted

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,8 @@ from moral_algorithms.networks.files import load_action_reward, load_policy
 from moral_algorithms.pipeline import DRLHPRun, TeacherConfig, drlhp_preset
 from moral_algorithms.worlds import WorldSpec
 from tests.algorithms.cli.commands import RULES, contents, only_line, ppo, refusal, run
-from tests.algorithms.cli.test_resume import KILLED, at_flush, without_seconds
+from tests.algorithms.cli.killing import killed
+from tests.algorithms.cli.test_resume import at_flush, without_seconds
 
 Capture = pytest.CaptureFixture[str]
 
@@ -80,20 +79,22 @@ def test_the_help_shows_the_defaults_of_what_is_asked_for(capsys: Capture) -> No
     assert "delivered" in told
 
 
-@pytest.mark.parametrize(
-    "moment",
-    [
-        "lines('queries.jsonl') == 1",
-        "writing('checkpoint.safetensors') and lines('queries.jsonl') > 2",
-        "lines('metrics.jsonl') == 5",
-        "writing('summary.json')",
-    ],
-)
-def test_a_killed_run_is_resumed_exactly(moment: str, finished: Path, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    script = [sys.executable, "-c", KILLED, str(out), moment, *DRLHP, "--out", str(out)]
-    killed = subprocess.run(script, capture_output=True, check=False)
-    assert killed.returncode == -9, killed.stderr.decode()
+MOMENTS = {
+    "first answer": "lines('queries.jsonl') == 1",
+    "checkpoint": "writing('checkpoint.safetensors') and lines('queries.jsonl') > 2",
+    "rollout": "lines('metrics.jsonl') == 5",
+    "result": "writing('summary.json')",
+}
+
+
+@pytest.fixture(scope="module")
+def killed_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return killed(DRLHP, MOMENTS, tmp_path_factory.mktemp("killed"))
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_killed_run_is_resumed_exactly(moment: str, killed_runs: dict[str, Path], finished: Path) -> None:
+    out = killed_runs[moment]
     assert not (out / "summary.json").exists()
     assert run("drlhp", "--resume", "--out", out) == 0
     require_same_result(out, finished)

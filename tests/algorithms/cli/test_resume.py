@@ -6,8 +6,6 @@ import errno
 import json
 import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,35 +16,12 @@ from moral_algorithms.cli.arguments import Machine
 from moral_algorithms.pipeline import reward_vector
 from tests.algorithms.cli.commands import TRAIN, contents, only_line, refusal, run
 from tests.algorithms.cli.conftest import Stages
+from tests.algorithms.cli.killing import killed
 
 Capture = pytest.CaptureFixture[str]
 
-# Runs `moral`; kills itself when a file is about to be flushed to the disk at the given moment.
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from moral_algorithms.cli import main
-
-out, moment = Path(sys.argv[1]), sys.argv[2]
-
-def lines(name):
-    return (out / name).read_bytes().count(b"\\n") if (out / name).exists() else 0
-
-def writing(name):
-    return any(out.glob(f".{name}.*"))
-
-flush = os.fsync
-
-def flush_or_die(handle):
-    if eval(moment):
-        os.kill(os.getpid(), signal.SIGKILL)
-    flush(handle)
-
-os.fsync = flush_or_die
-main(sys.argv[3:])
-"""
-
 MOMENTS = {
+    "beginning": "writing('config.json')",
     "normaliser": "writing('normalisers.json')",
     "answer before the first checkpoint": "lines('queries.jsonl') == 1",
     "checkpoint": "writing('checkpoint.safetensors') and lines('queries.jsonl') == 2",
@@ -89,13 +64,14 @@ def at_flush(moment: Callable[[], bool], error: BaseException, monkeypatch: pyte
     monkeypatch.setattr(os, "fsync", fail)
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
-def test_a_killed_run_is_resumed_exactly(moment: str, stages: Stages, tmp_path: Path) -> None:
-    out = tmp_path / "moral"
-    command = [*TRAIN, "--rewards", str(stages.airl), "--out", str(out)]
-    script = [sys.executable, "-c", KILLED, str(out), MOMENTS[moment], *command]
-    killed = subprocess.run(script, capture_output=True, check=False)
-    assert killed.returncode == -9, killed.stderr.decode()
+@pytest.fixture(scope="module")
+def killed_runs(stages: Stages, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return killed([*TRAIN, "--rewards", str(stages.airl)], MOMENTS, tmp_path_factory.mktemp("killed"))
+
+
+@pytest.mark.parametrize("moment", [name for name in MOMENTS if name != "beginning"])
+def test_a_killed_run_is_resumed_exactly(moment: str, killed_runs: dict[str, Path], stages: Stages) -> None:
+    out = killed_runs[moment]
     assert not (out / "summary.json").exists()
     assert run("train", "--resume", "--out", out, "--no-tensorboard") == 0
     assert answers(out) == [0, 1, 2]
@@ -103,15 +79,12 @@ def test_a_killed_run_is_resumed_exactly(moment: str, stages: Stages, tmp_path: 
 
 
 def test_a_run_killed_before_it_began_is_started_anew(
-    stages: Stages, tmp_path: Path, capsys: Capture
+    killed_runs: dict[str, Path], stages: Stages, capsys: Capture
 ) -> None:
-    out = tmp_path / "moral"
-    command = [*TRAIN, "--rewards", str(stages.airl), "--out", str(out)]
-    script = [sys.executable, "-c", KILLED, str(out), "writing('config.json')", *command]
-    assert subprocess.run(script, capture_output=True, check=False).returncode == -9
+    out = killed_runs["beginning"]
     message = refusal(capsys, "train", "--resume", "--out", out)
     assert message == f"there is no run in {out} to resume; start it without --resume"
-    assert run(*command) == 0
+    assert run(*TRAIN, "--rewards", stages.airl, "--out", out) == 0
     require_same_result(out, stages.moral)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,9 +10,8 @@ from types import ModuleType
 
 import pytest
 
-from benchmarks import __main__ as command
-from benchmarks import rows
-from benchmarks.__main__ import main
+from benchmarks import command, rows
+from benchmarks.command import main
 from benchmarks.harness import Run, Store
 from tests.benchmarks.harness.runs import Failing, Square, Total, Written, benchmark
 from tests.closed_output import run_into_closed_pipe
@@ -87,6 +87,23 @@ def test_ctrl_c_ends_with_130(
     monkeypatch.setattr(command, "_carry_out", interrupted)
     assert main(["run", "X1", "--out", str(tmp_path)]) == 130
     assert capsys.readouterr().err == "\nbenchmarks: stopped; the same command goes on from here\n"
+
+
+def test_ctrl_c_while_it_is_imported_takes_no_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    class Interrupted:
+        @staticmethod
+        def find_spec(name: str, path: object = None, target: object = None) -> None:
+            if name == command.__name__:
+                raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, command.__name__)
+    monkeypatch.setattr(sys, "meta_path", [Interrupted, *sys.meta_path])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_module("benchmarks", run_name="__main__")
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "\nbenchmarks: stopped\n"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.__main__ import main
+from benchmarks.command import main
 from benchmarks.harness import Store
 from benchmarks.harness.report import judge
 from benchmarks.rows import e8

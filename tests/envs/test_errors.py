@@ -115,7 +115,7 @@ def require_one_line(call: Callable[[], Any], match: str) -> None:
         ),
         (
             lambda: replace(EMERGENCY, layout=Layout(), interior_walls=((2, 2),)),
-            r"^layout is Layout\(.*\); it must be None, for emergency_v0 has walls of its own$",
+            r"^layout is Layout\(.*\); it must be None, for emergency_v0 has walls or places of its own$",
         ),
         (lambda: replace(EMERGENCY, layout="maze"), r"^layout is 'maze'; it must be a Layout, or "),
         (lambda: Engine(EMERGENCY, num_envs=2.0), r"^num_envs is 2.0; it must be an integer, at least 1$"),
@@ -166,7 +166,7 @@ def require_one_line(call: Callable[[], Any], match: str) -> None:
         (lambda: delivery_v0.single_env(layout=3), r"^layout is 3; it must be a Layout or one of .*'maze'"),
         (
             lambda: windy_wall_v0.world().in_layout("random"),
-            r"^layout is Layout\(.*\); it must be None, for windy_wall_v0 has walls of its own$",
+            r"^layout is Layout\(.*\); it must be None, for windy_wall_v0 has walls or places of its own$",
         ),
         (
             lambda: delivery_v0.vector_env(2, layout=Layout(counts={"dogs": 2})),

@@ -116,6 +116,7 @@ def test_a_batch_has_no_window() -> None:
     ):
         emergency_v0.vector_env(2, render_mode="human")
     assert "human" not in emergency_v0.vector_env(2).metadata["render_modes"]
+    assert "human" not in emergency_v0.vector_env.metadata["render_modes"]  # type: ignore[attr-defined]
 
 
 def test_the_panel_has_rewards_returns_and_counters() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import operator
 from numbers import Real
 from typing import SupportsFloat
 
 import numpy as np
+
+# In float32, which rewards are paid in.
+_LARGEST = float(np.finfo(np.float32).max)
 
 
 def as_integer(value: object) -> int | None:
@@ -38,10 +40,13 @@ def require_bool(argument: str, value: object) -> bool:
 
 
 def is_finite(value: object) -> bool:
-    """Whether something is a finite number."""
+    """Whether something is a number that float32 can hold, and no infinity."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
-    return math.isfinite(value)
+    try:
+        return abs(float(value)) <= _LARGEST
+    except OverflowError:  # An integer that no float can hold.
+        return False
 
 
 def is_chance(value: object) -> bool:

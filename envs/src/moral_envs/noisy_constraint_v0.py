@@ -64,9 +64,8 @@ figure's are not in the text.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
-from inspect import signature
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -129,11 +128,12 @@ def success_probability(threshold: float, noise: float, costs: tuple[float, floa
     Raises
     ------
     ValueError
-        If the noise is negative.
+        If the threshold is no number, the noise negative, or the costs are not two.
     """
-    if not noise >= 0:
-        raise ValueError(f"noise is {noise}; it must be 0 or more")
-    safe, unsafe = (_probability_within(threshold, cost, noise) for cost in costs)
+    payoffs = Payoffs(costs=costs, noise=noise)
+    if math.isnan(threshold):
+        raise ValueError(f"threshold is {threshold!r}; it must be a number")
+    safe, unsafe = (_probability_within(threshold, cost, payoffs.noise) for cost in payoffs.costs)
     return safe * (1 - unsafe)
 
 
@@ -168,7 +168,7 @@ class Payoffs:
     def __post_init__(self) -> None:
         for name in ("rewards", "costs"):
             pair = getattr(self, name)
-            numbers = list(pair) if isinstance(pair, Iterable) else []
+            numbers = list(pair) if isinstance(pair, (Sequence, np.ndarray)) else []
             if len(numbers) != 2 or not all(map(is_finite, numbers)):
                 raise ValueError(f"{name} is {pair!r}; it must be two finite numbers, for S1 and S2")
             object.__setattr__(self, name, (float(numbers[0]), float(numbers[1])))
@@ -349,7 +349,7 @@ class NoisyConstraintVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         self._decisions = _Decisions(payoffs, num_envs)
-        self.num_envs = num_envs
+        self.num_envs = num_envs = self._decisions.num_envs
         self.render_mode = require_render_mode(render_mode, RENDER_MODES)
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -504,7 +504,7 @@ class NoisyConstraintParallelEnv(_OneAgent, ParallelEnv[str, Observation, int]):
     ) -> tuple[dict[str, Observation], dict[str, Reward], dict[str, bool], dict[str, bool], dict[str, Info]]:
         """Decide, which ends the episode."""
         if not self.agents:
-            raise ValueError("actions were given after the end of the episode; call reset first")
+            raise ValueError("actions were given outside an episode; call reset first")
         if not isinstance(actions, Mapping):
             raise ValueError(f"actions are {actions!r}; they must be a dict with one for each agent")
         if actions.keys() != {_AGENT}:
@@ -541,7 +541,7 @@ class NoisyConstraintAECEnv(_OneAgent, AECEnv[str, Observation, int | None]):
     def step(self, action: int | None) -> None:
         """Decide, which ends the episode; then None takes the agent out."""
         if not self.agents:
-            raise ValueError("action was given after the end of the episode; call reset first")
+            raise ValueError("action was given outside an episode; call reset first")
         if self.terminations[_AGENT]:
             self._was_dead_step(action)
             return
@@ -572,41 +572,54 @@ class NoisyConstraintAECEnv(_OneAgent, AECEnv[str, Observation, int | None]):
         self.infos = {_AGENT: info}
 
 
-def single_env(*, render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintEnv:
-    """Noisy Constraint as a Gymnasium environment; ``payoffs`` go to :class:`Payoffs`."""
-    return NoisyConstraintEnv(_payoffs(single_env, payoffs), render_mode)
+def single_env(
+    *,
+    rewards: tuple[float, float] = (0.5, 1.0),
+    costs: tuple[float, float] = (0.0, 1.0),
+    noise: float = 0.0,
+    render_mode: str | None = None,
+) -> NoisyConstraintEnv:
+    """Noisy Constraint as a Gymnasium environment; see the module for the arguments."""
+    payoffs = Payoffs(rewards, costs, noise)
+    return NoisyConstraintEnv(payoffs, render_mode)
 
 
 def vector_env(
     num_envs: int = 1,
     *,
+    rewards: tuple[float, float] = (0.5, 1.0),
+    costs: tuple[float, float] = (0.0, 1.0),
+    noise: float = 0.0,
     render_mode: str | None = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-    **payoffs: Any,
 ) -> NoisyConstraintVectorEnv:
-    """Noisy Constraint as a Gymnasium vector environment; ``payoffs`` go to :class:`Payoffs`."""
-    return NoisyConstraintVectorEnv(_payoffs(vector_env, payoffs), num_envs, render_mode, autoreset_mode)
+    """Noisy Constraint as a Gymnasium vector environment; see the module for the arguments."""
+    payoffs = Payoffs(rewards, costs, noise)
+    return NoisyConstraintVectorEnv(payoffs, num_envs, render_mode, autoreset_mode)
 
 
-def parallel_env(*, render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintParallelEnv:
-    """Noisy Constraint as a PettingZoo parallel environment; ``payoffs`` go to :class:`Payoffs`."""
-    return NoisyConstraintParallelEnv(_payoffs(parallel_env, payoffs), render_mode)
+def parallel_env(
+    *,
+    rewards: tuple[float, float] = (0.5, 1.0),
+    costs: tuple[float, float] = (0.0, 1.0),
+    noise: float = 0.0,
+    render_mode: str | None = None,
+) -> NoisyConstraintParallelEnv:
+    """Noisy Constraint as a PettingZoo parallel environment; see the module for the arguments."""
+    payoffs = Payoffs(rewards, costs, noise)
+    return NoisyConstraintParallelEnv(payoffs, render_mode)
 
 
-def env(*, render_mode: str | None = None, **payoffs: Any) -> NoisyConstraintAECEnv:
-    """Noisy Constraint as a PettingZoo agent-environment-cycle environment; ``payoffs`` as for the others."""
-    return NoisyConstraintAECEnv(_payoffs(env, payoffs), render_mode)
-
-
-def _payoffs(function: Callable[..., Any], arguments: dict[str, Any]) -> Payoffs:
-    """Return the payoffs of a function's further arguments, or raise a TypeError if it has no such."""
-    *own, _ = signature(function).parameters  # the last is `payoffs`
-    known = [field.name for field in fields(Payoffs)]
-    for name in arguments:
-        if name not in known:
-            takes = ", ".join(own + known)
-            raise TypeError(f"{function.__name__}() has no argument {name!r}; it must be one of {takes}")
-    return Payoffs(**arguments)
+def env(
+    *,
+    rewards: tuple[float, float] = (0.5, 1.0),
+    costs: tuple[float, float] = (0.0, 1.0),
+    noise: float = 0.0,
+    render_mode: str | None = None,
+) -> NoisyConstraintAECEnv:
+    """Noisy Constraint as PettingZoo's agent-environment cycle; see the module for the arguments."""
+    payoffs = Payoffs(rewards, costs, noise)
+    return NoisyConstraintAECEnv(payoffs, render_mode)
 
 
 # Where Gymnasium looks for render modes before it makes an environment.

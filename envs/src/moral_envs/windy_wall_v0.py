@@ -32,8 +32,8 @@ A `float32` array of shape `(1,)`, named by `reward_names`:
 `steps`, those that did not end on the goal, and `goals_reached`.
 
 ## Starting State
-Always the same: the agent on the top left free cell. Several agents start on the first free
-cells, row by row from there.
+Always the same: the agent on the top left free cell. Several agents start on the first free cells but the
+goal, row by row from there: four before the wall, and from the fifth on beyond it.
 
 ## Transitions
 With probability `wind` an action is replaced by a move in a direction drawn uniformly among the four, so

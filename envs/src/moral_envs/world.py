@@ -439,7 +439,9 @@ class World:
         if not isinstance(layout, Layout):
             raise ValueError(f"layout is {layout!r}; it must be a Layout, or a name given to in_layout")
         if self.interior_walls or self.start != "random" or (self.fixture and self.fixture.cell):
-            raise ValueError(f"layout is {layout}; it must be None, for {self.name} has walls of its own")
+            raise ValueError(
+                f"layout is {layout}; it must be None, for {self.name} has walls or places of its own"
+            )
         counts = {kind.name: kind.count for kind in self.objects}
         layout.check(counts)
         same_size = layout.canvas(self.height, self.width) == (self.height, self.width)

@@ -155,7 +155,7 @@ class GridAECEnv(AECEnv[AgentID, Observation, SupportsIndex | None]):
         return self.parallel.render()
 
     def state(self) -> Observation:
-        """Planes of the whole world: walls, one plane per agent, objects; uint8 (C + n_agents - 1, H, W)."""
+        """Planes of the whole world, walls, one per agent, then objects: uint8 (planes, height, width)."""
         return self.parallel.state()
 
     @property

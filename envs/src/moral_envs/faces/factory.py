@@ -228,7 +228,8 @@ def _of_world(method: _Function, world: Callable[..., World], made: type) -> _Fu
         for rule in rules
     ]
     # Where Gymnasium looks for render modes before it makes an environment.
-    face.metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}  # type: ignore[attr-defined]
+    modes = [mode for mode in RENDER_MODES if name != "vector_env" or mode != "human"]
+    face.metadata = {"render_modes": modes, "render_fps": RENDER_FPS}  # type: ignore[attr-defined]
     face.__signature__ = shown.replace(parameters=[*own, *named], return_annotation=made)  # type: ignore[attr-defined]
     return cast(_Function, face)
 

@@ -213,7 +213,7 @@ class GridParallelEnv(ParallelEnv[AgentID, Observation, int]):
         return draw_single(self.engine, self.render_mode, self.window)
 
     def state(self) -> Observation:
-        """Planes of the whole world: walls, one plane per agent, objects; uint8 (C + n_agents - 1, H, W)."""
+        """Planes of the whole world, walls, one per agent, then objects: uint8 (planes, height, width)."""
         walls, _, *things = self.engine.world_planes()[0]
         agents = np.zeros((len(self.possible_agents), *walls.shape), dtype=np.uint8)
         rows, columns = self.engine.agent_cells[0].T

@@ -172,8 +172,8 @@ class GridVectorEnv(VectorEnv[NDArray[np.uint8], ArrayLike, NDArray[Any]]):
         Parameters
         ----------
         actions
-            Integers of the shape of ``action_space``, (n,) or (n, n_agents): indices into
-            :data:`~moral_envs.world.ACTION_NAMES`.
+            Integers of the shape of ``action_space``, (n,) or (n, n_agents), for one agent either:
+            indices into :data:`~moral_envs.world.ACTION_NAMES`.
 
         Returns
         -------

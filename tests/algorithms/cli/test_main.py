@@ -119,6 +119,27 @@ def test_a_reader_that_has_gone_is_no_error(arguments: list[str], unbuffered: bo
     assert run_into_closed_pipe([sys.executable, "-c", code, *arguments], unbuffered) == (1, "")
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [({}, "2000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "active"}, "None")],
+)
+def test_threads_that_wait_do_not_spin_for_long_unless_the_user_says_so(
+    given: dict[str, str], expected: str
+) -> None:
+    code = (
+        "import os, sys; from moral_algorithms.cli import main\n"
+        "sys.argv[1:] = ['--version']; main()\n"
+        "print('torch' in sys.modules, os.environ.get('GOMP_SPINCOUNT'))"
+    )
+    kept = {
+        name: value for name, value in os.environ.items() if name not in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=kept | given, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == f"False {expected}"
+
+
 def test_ctrl_c_while_python_ends_takes_no_traceback() -> None:
     code = (
         "import signal, sys; from moral_algorithms.cli import main\n"

@@ -229,6 +229,7 @@ def test_training_is_the_same_for_the_same_seed(demonstrations: Demonstrations) 
         ({"features": "all"}, "features is 'all'"),
         ({"steps": 0}, "steps is 0"),
         ({"penalty": -1.0}, "penalty is -1.0"),
+        ({"temperature_start": float("inf")}, "temperature_start is inf"),
         ({"rare": 1.5}, "rare is 1.5"),
         ({"consistency": 0.5}, r"consistency is 0.5"),
         ({"pseudo_counts": 0.0}, "pseudo_counts is 0.0"),

@@ -163,6 +163,7 @@ def test_an_arm_pursues_its_reward() -> None:
         ({"gamma": 1.0}, "gamma is 1.0"),
         ({"ridge": 0.0}, "ridge is 0.0"),
         ({"exploration": -0.1}, "exploration is -0.1"),
+        ({"ridge": float("inf")}, "ridge is inf"),
     ],
 )
 def test_settings_check_themselves(changes: dict[str, Any], match: str) -> None:

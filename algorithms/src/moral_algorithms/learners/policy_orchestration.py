@@ -19,6 +19,7 @@ what it does without them, in all planes; see :mod:`moral_algorithms.learners.fe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -78,10 +79,10 @@ class OrchestrationConfig:
             raise ValueError(f"context is {self.context!r}; it must be one of {sorted(CONTEXTS)}")
         if not 0 <= self.gamma < 1:
             raise ValueError(f"gamma is {self.gamma}; it must be at least 0 and below 1")
-        if not self.ridge > 0:
-            raise ValueError(f"ridge is {self.ridge}; it must be positive")
-        if not self.exploration >= 0:
-            raise ValueError(f"exploration is {self.exploration}; it must not be negative")
+        if not 0 < self.ridge < math.inf:
+            raise ValueError(f"ridge is {self.ridge}; it must be positive and finite")
+        if not 0 <= self.exploration < math.inf:
+            raise ValueError(f"exploration is {self.exploration}; it must be finite and not negative")
 
 
 class Arm(NamedTuple):

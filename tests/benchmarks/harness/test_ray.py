@@ -27,7 +27,7 @@ from tests.benchmarks.harness.runs import Failing, Square, Total, Written
 ROOT = Path(__file__).parents[3]
 needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="Ray has no release for this Python")
 
-# In a process of its own: Ray leaves threads and handlers behind.
+# In processes of their own: Ray leaves threads and handlers behind.
 SWEEP = """
 import json, sys
 from pathlib import Path
@@ -39,7 +39,7 @@ from tests.benchmarks.harness.runs import Failing, Square, Threads, Total, Writt
 store = Store(Path(sys.argv[1]))
 total, failing = Total((Written(2), Square(3))), Failing(2)
 sweep = Sweep(store, [total, Threads(), failing])
-executor = RayCluster(store, sys.argv[2], 2 if sys.argv[2] == "local" else None, ["tests"])
+executor = RayCluster(store, sys.argv[2], modules=["tests"])
 sweep.carry_out(executor, lambda sweep: None, lambda outcome: None)
 print(json.dumps({
     "jobs": executor.jobs,
@@ -51,6 +51,21 @@ print(json.dumps({
     "log": store.log_path(failing).read_text(),
     "held": store.is_held(failing),
 }))
+"""
+
+# No more than it takes to see that a cluster has been started: each of its processes imports PyTorch.
+LOCAL = """
+import json, sys
+from pathlib import Path
+from benchmarks.harness import Store
+from benchmarks.harness.executors import RayCluster
+from benchmarks.harness.sweep import Sweep
+from tests.benchmarks.harness.runs import Square
+
+store = Store(Path(sys.argv[1]))
+executor = RayCluster(store, "local", 1, ["tests"])
+Sweep(store, [Square(3)]).carry_out(executor, lambda sweep: None, lambda outcome: None)
+print(json.dumps({"jobs": executor.jobs, **store.result(Square(3))}))
 """
 
 
@@ -71,9 +86,9 @@ def environment() -> Iterator[dict[str, str]]:
         }
 
 
-def sweep(address: str, out: Path, environment: dict[str, str]) -> dict[str, Any]:
+def run(script: str, environment: dict[str, str], out: Path, *arguments: str) -> dict[str, Any]:
     done = subprocess.run(
-        [sys.executable, "-c", SWEEP, str(out), address],
+        [sys.executable, "-c", script, str(out), *arguments],
         cwd=out,
         env=environment,
         capture_output=True,
@@ -83,18 +98,6 @@ def sweep(address: str, out: Path, environment: dict[str, str]) -> dict[str, Any
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found
-
-
-def require_done(found: dict[str, Any]) -> None:
-    assert found["jobs"] == 2
-    assert found["total"] == {"total": 13}
-    assert found["files"]
-    assert (found["threads"]["torch"], found["threads"]["omp"]) == (1, "1")
-    ((of_failing, error),) = found["failed"]
-    assert of_failing
-    assert error.endswith("RuntimeError: it was not to be")
-    assert found["log"] == f"{error}\n"
-    assert not found["held"]
 
 
 class RefusedTask(Exception):
@@ -210,7 +213,7 @@ def test_what_is_running_is_given_free_when_a_cluster_is_left(
 
 @needs_ray
 def test_a_cluster_that_is_started_here(tmp_path: Path, environment: dict[str, str]) -> None:
-    require_done(sweep("local", tmp_path, environment))
+    assert run(LOCAL, environment, tmp_path) == {"jobs": 1, "square": 9}
 
 
 @needs_ray
@@ -232,8 +235,16 @@ def test_a_cluster_that_runs_already(tmp_path: Path, environment: dict[str, str]
     try:
         assert head.stdout is not None
         assert any("Ray runtime started" in line for line in head.stdout)
-        found = sweep(address, tmp_path, environment)
-        require_done(found)
+        found = run(SWEEP, environment, tmp_path, address)
+        assert found["jobs"] == 2
+        assert found["total"] == {"total": 13}
+        assert found["files"]
+        assert (found["threads"]["torch"], found["threads"]["omp"]) == (1, "1")
+        ((of_failing, error),) = found["failed"]
+        assert of_failing
+        assert error.endswith("RuntimeError: it was not to be")
+        assert found["log"] == f"{error}\n"
+        assert not found["held"]
         # The code is that which was sent, without the committed results.
         assert Path(found["threads"]["package"]).is_relative_to(environment["RAY_TMPDIR"])
         assert found["threads"]["results"] == 0

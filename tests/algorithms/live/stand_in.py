@@ -191,6 +191,8 @@ class StandIn:
         Whether the page's token is that of another session.
     down
         Whether connections are refused, as while a server restarts.
+    streams
+        How many streams of events pages have begun.
     """
 
     def __init__(self, state: Json, queries: dict[int, list[Json]]) -> None:
@@ -206,6 +208,7 @@ class StandIn:
         self.late_reply: threading.Event | None = None
         self.foreign = False
         self.down = False
+        self.streams = 0
         self.latest: Json | None = None
         self.games: dict[str, Game] = {}
         self.kept: list[Json] = []
@@ -238,6 +241,7 @@ class StandIn:
         with self._lock:
             mine.put(("state", dict(self.state)))
             self._listeners.append(mine)
+            self.streams += 1
         try:
             while True:
                 try:

@@ -754,6 +754,8 @@ def test_a_step_whose_reply_was_lost_is_taken_once(visit: Callable[..., Any]) ->
     with opened(visit, stand_in, "playing") as page:
         stand_in.lose_reply = True
         page.keyboard.press("ArrowDown")
+        # Its stream broke with it: until it has another, the page takes no key.
+        wait_until(page, lambda: stand_in.streams == 2)
         page.wait_for_function(f"() => {DRAWN}.state === 'playing' && {DRAWN}.step === 1")
         page.keyboard.press("ArrowRight")
         page.wait_for_function(f"() => {DRAWN}.step === 2")

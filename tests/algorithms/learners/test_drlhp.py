@@ -119,29 +119,17 @@ def test_queries_start_with_the_untrained_policy_and_go_on_at_even_intervals(
 ) -> None:
     path, result, teacher = uninterrupted
     answers = read_lines(path / "queries.jsonl")
-    # Three about the 64 steps of the untrained policy; one of nine every 0.75 * 576 / 9 = 48 steps after it,
-    # at the end of a rollout of 64.
-    assert [answer["env_steps"] for answer in answers] == [
-        0,
-        0,
-        0,
-        128,
-        192,
-        256,
-        256,
-        320,
-        384,
-        448,
-        448,
-        512,
-    ]
-    assert [answer["slot"] for answer in answers] == [0, 1, 2, 0, 0, 0, 1, 0, 0, 0, 1, 0]
+    # Three about the 64 steps of the untrained policy; one of nine every 0.75 * 512 / 9 = 42.7 steps after
+    # it, at the end of a rollout of 64.
+    ends = [128, 192, 192, 256, 320, 320, 384, 448, 448]
+    assert [answer["env_steps"] for answer in answers] == [0, 0, 0, *ends]
+    assert [answer["slot"] for answer in answers] == [0, 1, 2, 0, 0, 1, 0, 0, 1, 0, 0, 1]
     assert [answer["query"] for answer in answers] == list(range(12))
     assert len(teacher.asked) == 12
     assert result.env_steps == 640
     lines = read_lines(path / "metrics.jsonl")
     assert [line["env_steps"] for line in lines] == list(range(128, 641, 64))
-    assert [line["queries"] for line in lines] == [4, 5, 7, 8, 9, 11, 12, 12, 12]
+    assert [line["queries"] for line in lines] == [4, 6, 7, 9, 10, 12, 12, 12, 12]
     assert all(line.keys() == {"env_steps", "queries", "losses", "objectives"} for line in lines)
 
 
@@ -445,16 +433,22 @@ def test_every_query_gets_its_time(schedule: str, queries: int) -> None:
         assert ratio == pytest.approx(0.975 / 0.125 if schedule == "decaying" else 1, rel=0.1)
 
 
-def test_no_query_falls_due_when_no_episode_ends_any_more(tmp_path: Path) -> None:
-    # Episodes end after every other rollout of 32. Of 672 steps, the last 32 are of episodes that never end.
+@pytest.mark.parametrize(("training", "last"), [(672, 640), (640, 576)])
+def test_no_query_falls_due_when_nothing_is_learned_from_it_any_more(
+    training: int, last: int, tmp_path: Path
+) -> None:
+    # Episodes end after every other rollout of 32: of 672 steps the last 32 are of episodes that never end,
+    # and of 640 the last rollout ends with an end of episodes, after which there is no training.
     settings = config(
-        steps=736, query_span=1.0, ppo=ppo_config(num_envs=8, rollout_steps=4, batch_size=32, epochs=1)
+        steps=64 + training,
+        query_span=1.0,
+        ppo=ppo_config(num_envs=8, rollout_steps=4, batch_size=32, epochs=1),
     )
     run(tmp_path, Recorder(), settings)
     asked = read_lines(tmp_path / "queries.jsonl")
     assert len(asked) == 12
     # After those of the untrained policy.
-    assert asked[-1]["env_steps"] == 64 + 640
+    assert asked[-1]["env_steps"] == 64 + last
 
 
 @pytest.mark.parametrize("world", ["emergency", "delivery"])

@@ -70,6 +70,22 @@ def test_a_few_queries_are_open_as_soon_as_they_are_due(tmp_path: Path) -> None:
     assert len({tuple(np.round(np.abs(difference), 3)) for difference in differences}) >= 2
 
 
+def test_nobody_is_shown_a_pair_twice(tmp_path: Path) -> None:
+    queue, _ = make(tmp_path)
+    folder = QueryFolder(tmp_path)
+    # Three episodes make three pairs, whichever side they are on.
+    few = deque(list(episodes())[:3])
+    for step in range(8):
+        queue.act(700 + step, few)
+        for number in list(folder.read_open())[:1]:
+            say(tmp_path, folder.read(number), None if step == 0 else Preference.FIRST)
+    pairs = [{one.stream for one in asked.episodes} for asked in map(folder.read, folder.numbers()) if asked]
+    assert len(pairs) == len({frozenset(pair) for pair in pairs}) == 3
+    # Others are there to be asked about.
+    queue.act(720, episodes())
+    assert len(folder.read_open()) == 3
+
+
 def test_answers_count_from_the_next_rollout_on(tmp_path: Path) -> None:
     queue, posterior = make(tmp_path)
     folder = QueryFolder(tmp_path)

@@ -327,11 +327,13 @@ class RewardLearner(ResumableLearner):
             maxlen=math.ceil(world.horizon / config.ppo.rollout_steps)
         )
         self._rollouts = 0
-        training_steps = config.steps - untrained_steps(config, world)
-        # Episodes end together, and after the last end there is none to ask about.
+        self._training_steps = config.steps - untrained_steps(config, world)
+        # Nothing is learned from answers after the last rollout; and episodes end together, so that after the
+        # last end before it there is none to ask about.
+        rollout_steps = config.ppo.num_envs * config.ppo.rollout_steps
         round_steps = config.ppo.num_envs * world.horizon
-        self._training_steps = training_steps
-        self._asking_steps = training_steps // round_steps * round_steps or training_steps
+        before_last = (self._training_steps - 1) // rollout_steps * rollout_steps
+        self._asking_steps = before_last // round_steps * round_steps or self._training_steps
 
     @property
     def _env_steps(self) -> int:

@@ -194,6 +194,8 @@ class QueryQueue:
                 del self._open[number]
         for _ in range(self._missing(env_steps)):
             asked = self._repeat(env_steps) or self._new(env_steps, episodes, pairs, returns)
+            if asked is None:
+                break
             self._folder.post(asked)
             self._open[self._next] = asked
             self._next += 1
@@ -205,7 +207,16 @@ class QueryQueue:
         episodes: deque[Episode],
         pairs: NDArray[np.int64],
         returns: NDArray[np.float64],
-    ) -> AskedQuery:
+    ) -> AskedQuery | None:
+        """Ask the best candidate; None if there is none that nobody was shown yet."""
+        shown = [answer.asked for answer in self._answers.standing.values()]
+        shown += [*self._answers.undone.values(), *self._open.values()]
+        known = {frozenset(episode.stream for episode in asked.episodes) for asked in shown}
+        streams = [episode.replay.stream for episode in episodes]
+        fresh = np.array([frozenset(streams[i] for i in pair) not in known for pair in pairs.tolist()])
+        if not fresh.any():
+            return None
+        pairs, returns = pairs[fresh], returns[fresh]
         index = self._chooser.best(returns, self._imagine(list(self._open.values())))
         first, second = (episodes[episode] for episode in pairs[index])
         expected = float(self._regret(returns[index : index + 1])[0])

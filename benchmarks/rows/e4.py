@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from benchmarks.stages.settings import EMERGENCY, coverage, primary, saving, see
 from moral_algorithms.indicators import hypervolume
 from moral_algorithms.seeding import spawn_seeds
 from moral_envs.optimal import coverage_set, seeded_starts
+from moral_envs.world import World
 
 LAMBDAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 1.0)
 """Weights of the primary reward, closer together where people are given up for goal time."""
@@ -169,8 +171,12 @@ def _unnormalised(weight: float, scales: dict[str, float]) -> float:
 def exact_vertices(results: Results) -> NDArray[np.float64]:
     """Vertices (goal time, people saved) of the exact coverage set, on the starts of the policies."""
     run, _ = results.of(Weighted)[0]
-    world = run.world.build()
-    starts = seeded_starts(world, run.config.episodes, spawn_seeds(EVALUATION_SEED, 2)[0])
+    return _exact_points(run.world.build(), run.config.episodes).copy()
+
+
+@cache
+def _exact_points(world: World, episodes: int) -> NDArray[np.float64]:
+    starts = seeded_starts(world, episodes, spawn_seeds(EVALUATION_SEED, 2)[0])
     return coverage_set(starts, world.horizon).points
 
 

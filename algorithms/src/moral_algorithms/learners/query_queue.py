@@ -193,11 +193,11 @@ class QueryQueue:
             if asked.repeats is None and expected[number] < _POINTLESS * best:
                 del self._open[number]
         for _ in range(self._missing(env_steps)):
-            asked = self._repeat(env_steps) or self._new(env_steps, episodes, pairs, returns)
-            if asked is None:
+            chosen = self._repeat(env_steps) or self._new(env_steps, episodes, pairs, returns)
+            if chosen is None:
                 break
-            self._folder.post(asked)
-            self._open[self._next] = asked
+            self._folder.post(chosen)
+            self._open[self._next] = chosen
             self._next += 1
         self._folder.write_open(self._expected(list(self._open.values())))
 

@@ -112,8 +112,9 @@ def test_a_value_that_a_configuration_refuses_takes_one_line(
     assert not out.exists()
 
 
-@pytest.mark.parametrize("unbuffered", [False, True])
-@pytest.mark.parametrize("arguments", [["--help"], ["train", "--help"]])
+@pytest.mark.parametrize(
+    ("arguments", "unbuffered"), [(["--help"], False), (["--help"], True), (["train", "--help"], False)]
+)
 def test_a_reader_that_has_gone_is_no_error(arguments: list[str], unbuffered: bool) -> None:
     code = "import sys; from moral_algorithms.cli import main; sys.exit(main())"
     assert run_into_closed_pipe([sys.executable, "-c", code, *arguments], unbuffered) == (1, "")

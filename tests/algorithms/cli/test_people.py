@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,6 +13,7 @@ from moral_algorithms.cli import live, people
 from moral_algorithms.cli.arguments import parse
 from moral_algorithms.cli.console import Console
 from moral_algorithms.cli.people import Answering, People, ask_people
+from moral_algorithms.live import launch
 from moral_algorithms.pipeline import MoralRun, Setting, TeacherConfig, begin_moral
 from moral_algorithms.run_directory import RunDirectory
 from moral_algorithms.storage import StorageError
@@ -56,10 +60,17 @@ def leave(*_: object) -> None:
     raise KeyboardInterrupt
 
 
+@contextmanager
+def no_training(*_: object) -> Iterator[SimpleNamespace]:
+    """Stand in for the process that trains, which would import PyTorch first."""
+    yield SimpleNamespace(state=lambda: "running")
+
+
 @pytest.fixture
 def begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
     """A session that was interrupted; the file with its notice is gone."""
     monkeypatch.setattr(people, "_serve", leave)
+    monkeypatch.setattr(launch, "training", no_training)
     notice = tmp_path / "consent.txt"
     notice.write_text("I take part.\n")
     directory = RunDirectory(tmp_path / "run")

@@ -35,9 +35,6 @@ from tests.algorithms.learners.test_moral import NORMALISERS, config
 from tests.algorithms.live.runs import WORLD
 from tests.algorithms.tiny import EMERGENCY
 
-# An optimiser imports it, slowly; every attempt would do so.
-import torch._dynamo
-
 torch.set_num_threads(1)
 run, acknowledged = Path(sys.argv[1]), Path(sys.argv[2])
 moments = json.loads(sys.argv[3])

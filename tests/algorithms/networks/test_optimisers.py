@@ -65,14 +65,20 @@ def test_a_closure_is_called_with_gradients() -> None:
 
 TRAINING = """
 import sys
-from tests.algorithms.cli.commands import DEMO, run
-assert run(*DEMO, "--out", sys.argv[1]) == 0
+from pathlib import Path
+from tests.algorithms.cli.commands import AIRL, DEMONSTRATE, EXPERT, TRAIN, run
+folder = Path(sys.argv[1])
+expert, demonstrations, airl = folder / "expert", folder / "demonstrations.npz", folder / "airl"
+assert run(*EXPERT, "--out", expert) == 0
+assert run(*DEMONSTRATE, "--expert", expert, "--out", demonstrations) == 0
+assert run(*AIRL, "--demonstrations", demonstrations, "--out", airl) == 0
+assert run(*TRAIN, "--rewards", airl, "--out", folder / "moral") == 0
 print("torch" in sys.modules, "torch._dynamo" in sys.modules)
 """
 
 
 def test_no_command_waits_for_the_compiler(tmp_path: object) -> None:
-    """The demo has every optimiser and loads every network."""
+    """The demo's commands have every optimiser and load every network."""
     done = subprocess.run(
         [sys.executable, "-c", TRAINING, str(tmp_path)], capture_output=True, text=True, check=True
     )

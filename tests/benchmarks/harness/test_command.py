@@ -169,7 +169,6 @@ def test_modules_of_the_current_folder_are_loaded(
         main(["list", "X2", "--load", "a_learner_in_need", "--out", str(tmp_path)])
 
 
-@pytest.mark.parametrize("unbuffered", [False, True])
-def test_a_reader_that_has_gone_is_no_error(unbuffered: bool) -> None:
+def test_a_reader_that_has_gone_is_no_error() -> None:
     command = [sys.executable, "-m", "benchmarks", "list", "--profile", "smoke"]
-    assert run_into_closed_pipe(command, unbuffered) == (1, "")
+    assert run_into_closed_pipe(command, unbuffered=False) == (1, "")

@@ -54,7 +54,7 @@ _LOOK = """() => {
 }"""
 
 
-def main() -> None:
+def main(options: Sequence[str] | None = None) -> None:
     """Run it and report."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rewards", type=Path, help="run directory of moral airl; without it one is made")
@@ -64,7 +64,11 @@ def main() -> None:
     parser.add_argument("--windows", type=int, default=12, help="turns of each kind for training's speed")
     parser.add_argument("--window", type=float, default=4.0, help="seconds of a turn")
     parser.add_argument("--json", type=Path, default=RESULTS, help="file for the results")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(options)
+    for name, least in (("seed", 0), ("queries", 1), ("look", 0.2), ("windows", 1), ("window", 0.2)):
+        # Not so for nan, either.
+        if not getattr(arguments, name) >= least:
+            parser.error(f"{name} is {getattr(arguments, name)}; it must be at least {least}")
     started = time.perf_counter()
     with tempfile.TemporaryDirectory() as name, chromium() as browser:
         folder = Path(name)

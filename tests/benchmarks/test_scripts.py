@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import emergency_seeds, posterior_accuracy
+from benchmarks import emergency_seeds, live_person, posterior_accuracy
 
 
 def summary(goal_time: float) -> dict[str, object]:
@@ -40,3 +40,16 @@ def test_posterior_benchmark_writes_what_it_measured(tmp_path: Path) -> None:
     # 0.02 is what the project promises; the benchmark reports about a quarter of it.
     assert 0 < results["largest_error"] < 0.02
     assert {"python", "numpy", "moral-algorithms"} <= results["versions"].keys()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "least"),
+    [("look", "0.02", "0.2"), ("window", "nan", "0.2"), ("windows", "0", "1"), ("queries", "0", "1")],
+)
+def test_a_person_that_looks_at_nothing_is_refused(
+    name: str, value: str, least: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as refused:
+        live_person.main([f"--{name}", value])
+    assert refused.value.code == 2
+    assert capsys.readouterr().err.endswith(f"{name} is {value}; it must be at least {least}\n")

@@ -275,7 +275,7 @@ def align(directory: RunDirectory, run: AlignRun, setting: Setting, resume: bool
             save_policy(directory.policy, agent.policy, _PRESET, described.world)
             names = tuple(component.name for component in components)
             summary = {
-                "queries": run.config.queries,
+                "queries": agent.queries,
                 "weights": name_values(names, agent.weights),
                 "objectives": read_metrics(directory.metrics)[-1]["objectives"],
                 "env_steps": {ALIGN: agent.env_steps},

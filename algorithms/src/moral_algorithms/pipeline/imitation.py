@@ -169,6 +169,8 @@ def airl(
 
     Raises
     ------
+    ValueError
+        If the imitator's mean return is not positive: the reward is divided by it.
     StorageError
         If the demonstrations cannot be read or are of another world, the directory holds a finished run, or
         something cannot be written.

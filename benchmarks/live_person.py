@@ -73,11 +73,11 @@ def main(options: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as name, chromium() as browser:
         folder = Path(name)
         rewards = arguments.rewards or learn_to_save(folder, arguments.seed)
-        options = ("--rewards", rewards, "--seed", arguments.seed, "--queries", arguments.queries)
-        with live(folder / "answered", *options) as link:
+        session = ("--rewards", rewards, "--seed", arguments.seed, "--queries", arguments.queries)
+        with live(folder / "answered", *session) as link:
             answered = answer_all(browser, link, arguments.queries, arguments.look)
         answered["objectives"] = evaluate(folder / "answered")
-        with live(folder / "unanswered", *options) as link:
+        with live(folder / "unanswered", *session) as link:
             speed = training_speed(browser, link, arguments.windows, arguments.window)
     results = {
         "command": "python -m benchmarks.live_person",

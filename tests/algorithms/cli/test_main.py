@@ -48,6 +48,15 @@ def test_every_command_explains_its_options(name: str, capsys: pytest.CaptureFix
     assert "(default: " in out
 
 
+def test_help_is_as_wide_as_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "500")
+    assert run("evaluate", "--help") == 0
+    # In the code it is two lines.
+    assert "more pay only for the thesis's large ones." in capsys.readouterr().out
+
+
 def test_an_option_that_does_not_exist_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     message = refusal(capsys, "evaluate", "--run", tmp_path, "--speed", "9")
     assert message.startswith("Unrecognized options: --speed, 9; ")

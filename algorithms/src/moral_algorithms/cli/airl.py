@@ -26,8 +26,8 @@ class Command(BaseCommand):
     """Learn a reward network from demonstrations by adversarial inverse reinforcement learning.
 
     The run directory then holds the reward network, which `moral train` and `moral cover` take, and the
-    imitation policy. The defaults are those of the world that the demonstrations are of:
-    `moral airl --demonstrations FILE --help` shows them.
+    imitation policy. The defaults are those of the world that the demonstrations are of; see them
+    with `moral airl --demonstrations FILE --help`.
     """
 
     demonstrations: Path

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from contextlib import redirect_stderr
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
+from inspect import cleandoc
 from io import StringIO
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import tyro
+from docstring_parser.attrdoc import AttributeDocstrings
 
 if TYPE_CHECKING:
     from moral_algorithms.cli.console import Console
@@ -96,7 +98,7 @@ def parse(command: type[Command], options: Sequence[str], program: str) -> Comma
 
     try:
         # It is silent about most errors when asked to be, but not about all.
-        with redirect_stderr(StringIO()):
+        with redirect_stderr(StringIO()), _help_in_paragraphs():
             return read(console_outputs=False)
     except SystemExit as exit_:
         refusal = _refusal(exit_)
@@ -104,12 +106,30 @@ def parse(command: type[Command], options: Sequence[str], program: str) -> Comma
             raise refusal from None
     try:
         # Once more, to show the help or to hear what tyro itself found wrong.
-        with redirect_stderr(errors):
+        with redirect_stderr(errors), _help_in_paragraphs():
             return read(console_outputs=True)
     except SystemExit as exit_:
         if not exit_.code:
             raise
     raise ValueError(f"{_in_one_line(errors.getvalue())}; see {program} --help")
+
+
+@contextmanager
+def _help_in_paragraphs() -> Iterator[None]:
+    """Let tyro join the lines of an option's docstring.
+
+    It does, but for lines that begin with a space; and it is told docstrings with their indentation.
+    """
+    told = AttributeDocstrings.get_attr_docs
+
+    def without_indentation(self: AttributeDocstrings, component: Any) -> Any:
+        return {name: (cleandoc(text), *rest) for name, (text, *rest) in told(self, component).items()}
+
+    AttributeDocstrings.get_attr_docs = without_indentation  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        AttributeDocstrings.get_attr_docs = told  # type: ignore[method-assign]
 
 
 def _in_one_line(box: str) -> str:

@@ -120,10 +120,9 @@ $(VENV)/.lint: $(VENV)/.test
 	@touch $@
 
 # Without moral-algorithms: the site shows moral-envs, and needs no PyTorch.
-$(VENV)/.docs: $(VENV)/.build envs/pyproject.toml
+$(VENV)/.docs: $(VENV)/.runtime
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	  echo "the site needs Python 3.11 or newer: make clean, then make docs PYTHON=/path/to/python3" >&2; exit 1; }
-	@echo "Installing moral-envs and Sphinx into $(VENV)"
+	@echo "Installing Sphinx into $(VENV)"
 	@$(PIP_INSTALL) --group docs
-	@$(PIP_INSTALL) --no-build-isolation -e envs
 	@touch $@

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.pages import run_page
+from moral_algorithms.cli import COMMANDS
+from tests.pages import DOCS, run_page
 
 
 def test_the_page_on_stable_baselines3_shows_what_happens() -> None:
@@ -33,3 +34,9 @@ def test_the_code_that_the_page_on_morl_baselines_includes_runs() -> None:
 
 def test_the_page_about_the_library_shows_what_happens() -> None:
     run_page("library.md")
+
+
+def test_the_page_about_the_command_line_has_every_command() -> None:
+    page = (DOCS / "commands.md").read_text()
+    asked = [line for line in page.splitlines() if line.startswith("<!--")]
+    assert asked == [f"<!-- help of moral {name} -->" for name in COMMANDS]

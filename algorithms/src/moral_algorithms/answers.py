@@ -1,7 +1,7 @@
 """Answers: what a teacher was asked and what it said, in a plain file that only grows.
 
-File format, version 1
-----------------------
+What queries.jsonl holds, version 1
+-----------------------------------
 ``queries.jsonl`` has one JSON object per line, flushed to the disk before it counts. Every line has
 ``version`` (1) and ``record``, one of
 

@@ -1,7 +1,7 @@
 """Demonstrations: whole episodes of an expert, in a plain file.
 
-File format, version 1
-----------------------
+What a demonstration file holds, version 1
+------------------------------------------
 A NumPy ``.npz`` archive without pickled objects, with these arrays:
 
 ==================  ======  ======================  =====================================================

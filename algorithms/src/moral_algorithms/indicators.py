@@ -238,8 +238,8 @@ def convex_coverage(points: ArrayLike) -> NDArray[np.bool_]:
 def preference_deviation(objectives: ArrayLike, ratio: ArrayLike) -> NDArray[np.float64]:
     """How far policies are from the ratio of objectives that they were to achieve (thesis eq. 5.12).
 
-    The Kullback-Leibler divergence, in nats, of each policy's shares j / |j|_1 from the wanted ones. As in
-    the thesis's figures 5.4, 5.9, 5.11 and 5.12, j is what a policy achieves on average: the mean counters
+    The Kullback-Leibler divergence, in nats, of each policy's shares ``j / |j|_1`` from the wanted ones. As
+    in the thesis's figures 5.4, 5.9, 5.11 and 5.12, j is what a policy achieves on average: the mean counters
     over episodes go in, not single episodes. The last two of those figures show the mean of the divergences
     over policies, each trained for a ratio of its own.
 
@@ -254,7 +254,7 @@ def preference_deviation(objectives: ArrayLike, ratio: ArrayLike) -> NDArray[np.
     -------
     float64, shape (n,)
         The divergences; 0 where the ratio is met, infinite where nothing at all was achieved, as for
-        :class:`~moral_algorithms.preferences.RatioTeacher`.
+        :class:`~moral_algorithms.preferences.teachers.RatioTeacher`.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """A run's folder: everything it produced, and everything it needs to go on.
 
-=========================  ==================================================================================
+========================== ==================================================================================
 ``config.json``            the run's configuration, seed, versions of packages and of the format
 ``queries.jsonl``          one line per answered query, appended and flushed before it counts
 ``metrics.jsonl``          one line per rollout
@@ -13,7 +13,7 @@
 ``covering.safetensors``   a policy for all weights, from which queries make agents
 ``summary.json``           the result, written last
 ``run.lock``               held while a process writes here
-=========================  ==================================================================================
+========================== ==================================================================================
 """
 
 from __future__ import annotations

@@ -223,9 +223,6 @@ class ScalarisedRewards(VecEnvWrapper):
 
     Attributes
     ----------
-    weights : float32 array of shape (d,)
-        Used from the next step on; set it to scalarise differently, with ``set_attr("weights", ...)`` from
-        above other wrappers.
     rewards : float32 array of shape (n, d)
         The components at the last step.
     returns : float32 array of shape (n, d)
@@ -258,7 +255,11 @@ class ScalarisedRewards(VecEnvWrapper):
 
     @property
     def weights(self) -> NDArray[np.float32]:
-        """Scalarisation weights, a copy of shape (d,)."""
+        """Scalarisation weights, a copy of shape (d,).
+
+        Set them to scalarise differently from the next step on; from above other wrappers, with
+        ``set_attr("weights", ...)``.
+        """
         return self._weights.copy()
 
     @weights.setter

@@ -35,10 +35,11 @@ class EngineVecEnv(VecEnv):
     """A batch of environments for Stable-Baselines3, each agent one of its environments.
 
     Its scalar reward is the plain sum of the reward vector, where
-    :class:`~moral_algorithms.bridge.ScalarisedRewards` puts weights. Every info has a ``vector_reward``,
-    float32 of shape (k,). The info of an ended episode also carries ``terminal_observation`` and
-    ``TimeLimit.truncated``, so that value estimates bootstrap at the horizon (and not at a terminal state),
-    the final ``objectives``, int64 of shape (m,), and a ``replay`` (:class:`Replay`).
+    :class:`~moral_algorithms.bridge.reward_vector.ScalarisedRewards` puts weights. Every info has a
+    ``vector_reward``, float32 of shape (k,). The info of an ended episode also carries
+    ``terminal_observation`` and ``TimeLimit.truncated``, so that value estimates bootstrap at the
+    horizon (and not at a terminal state), the final ``objectives``, int64 of shape (m,), and a ``replay``
+    (:class:`Replay`).
 
     Parameters
     ----------

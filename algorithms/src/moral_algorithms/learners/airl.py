@@ -95,7 +95,7 @@ class Imitation(NamedTuple):
     network: ShapedRewardNetwork
     """The learned reward f."""
     normaliser: float
-    """|J|, the absolute mean return of the imitation policy under f (eq. 5.2)."""
+    """``|J|``, the absolute mean return of the imitation policy under f (eq. 5.2)."""
     policy: ActorCriticPolicy
     """The imitation policy."""
     env_steps: int

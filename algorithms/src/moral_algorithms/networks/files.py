@@ -56,7 +56,7 @@ class StoredReward(NamedTuple):
     network: ShapedRewardNetwork
     """The reward f(s, s')."""
     normaliser: float
-    """|J|, the absolute mean return of the imitation policy under it (eq. 5.2)."""
+    """``|J|``, the absolute mean return of the imitation policy under it (eq. 5.2)."""
     world: WorldSpec
     """Where it was learned."""
 

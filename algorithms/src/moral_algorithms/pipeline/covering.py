@@ -218,7 +218,8 @@ def align(directory: RunDirectory, run: AlignRun, setting: Setting, resume: bool
     Parameters
     ----------
     directory
-        Where the agent goes; queries and metrics are as those of :func:`~moral_algorithms.pipeline.moral`.
+        Where the agent goes; queries and metrics are as those of
+        :func:`~moral_algorithms.pipeline.alignment.moral`.
     run
         What to do; when resumed, the same as when the run was started.
     setting

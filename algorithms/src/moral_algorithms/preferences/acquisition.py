@@ -43,7 +43,7 @@ def expected_regret(
 ) -> FloatArray:
     """Return expected to be lost by choosing between the two trajectories without asking.
 
-    With w = v / |v|_1, the score of the pair (i, j) is
+    With ``w = v / |v|_1``, the score of the pair (i, j) is
 
         E[max(w·r_i, w·r_j)] - max(E[w]·r_i, E[w]·r_j)
             = min(E[max(0, w·(r_j - r_i))], E[max(0, w·(r_i - r_j))]),

@@ -102,9 +102,9 @@ class BallPrior:
 class RationalityPrior:
     """Prior on v = beta * w: scalarisation weights w and the teacher's rationality beta, inferred together.
 
-    w is Dirichlet distributed, Dir(c, ..., c), and, independently of it, beta = |v|_1 is Gamma distributed
-    with shape `dim` * c and mean `mean_rationality`. With that shape the Jacobian beta**(dim - 1) of
-    (w, beta) -> v cancels, and v has independent Gamma components of shape c:
+    w is Dirichlet distributed, Dir(c, ..., c), and, independently of it, ``beta = |v|_1`` is Gamma
+    distributed with shape `dim` * c and mean `mean_rationality`. With that shape the Jacobian beta**(dim - 1)
+    of (w, beta) -> v cancels, and v has independent Gamma components of shape c:
     log p(v) = sum((c - 1) log v_i - v_i / scale) up to a constant, scale = mean_rationality / (dim * c). This
     is concave on the orthant for c >= 1, so the posterior under `BradleyTerry()` is log-concave. With c = 1
     weights are uniform on the simplex, and components exponential.
@@ -159,7 +159,7 @@ class RationalityPrior:
         return np.full(self.dim, 1.0 / self.dim)
 
     def weights(self, samples: FloatArray) -> FloatArray:
-        """Mean of v / |v|_1, so that samples of a high rationality do not count for more."""
+        """Mean of ``v / |v|_1``, so that samples of a high rationality do not count for more."""
         weights: FloatArray = normalise_rows(samples).mean(axis=0)
         return weights
 

@@ -93,7 +93,7 @@ class LexicographicTeacher(Teacher):
 class RatioTeacher(Teacher):
     """Prefers the trajectory whose objectives stand closer to a wanted ratio (thesis eq. 5.12).
 
-    Close in the KL divergence of j / |j|_1 from the ratio m, both over the objectives that m names; see
+    Close in the KL divergence of ``j / |j|_1`` from the ratio m, both over the objectives that m names; see
     :func:`ratio_divergence`. A trajectory that achieved none of them has no ratio and is the worst.
 
     Parameters

@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt $(PIP_ARGS)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo live test test-workspace test-envs-alone lint smoke bench strangers docs clean
+.PHONY: help demo live test test-workspace test-envs-alone lint smoke bench strangers docs require-python-3.11 clean
 .DELETE_ON_ERROR:
 
 help:
@@ -68,10 +68,14 @@ strangers:
 	PYTHON="$(PYTHON)" PIP_ARGS="$(PIP_ARGS)" benchmarks/strangers/run.sh
 
 # -W: what Sphinx warns of, a dead link for example, fails the build.
-docs: $(VENV)/.docs
+docs: require-python-3.11 $(VENV)/.docs
 	rm -rf site
 	$(BIN)/python -m sphinx -W --keep-going -q -E -d $(VENV)/doctrees -b html docs site
 	@echo "The site: site/index.html"
+
+require-python-3.11: $(VENV)/.created
+	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "the site needs Python 3.11 or newer: make clean, then make docs PYTHON=/path/to/python3" >&2; exit 1; }
 
 clean:
 	rm -rf $(VENV) site .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
@@ -119,10 +123,7 @@ $(VENV)/.lint: $(VENV)/.test
 	@$(PIP_INSTALL) --group lint
 	@touch $@
 
-# Without moral-algorithms: the site shows moral-envs, and needs no PyTorch.
 $(VENV)/.docs: $(VENV)/.runtime
-	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "the site needs Python 3.11 or newer: make clean, then make docs PYTHON=/path/to/python3" >&2; exit 1; }
 	@echo "Installing Sphinx into $(VENV)"
 	@$(PIP_INSTALL) --group docs
 	@touch $@

@@ -75,12 +75,12 @@ class Command(BaseCommand):
     """Starts on which the agent is measured."""
     expert: ExpertConfig = field(default_factory=ExpertConfig)
     """How the expert is trained."""
-    airl: AIRLConfig = field(default_factory=AIRLConfig)
-    """How AIRL trains."""
+    airl: AIRLConfig = field(default_factory=lambda: AIRLConfig(steps=300_000))
+    """How AIRL trains; not as long as `moral airl`, for somebody waits."""
     normaliser: ExpertConfig = field(default_factory=pipeline.normaliser_config)
     """How the policy is trained that pursues the extinguisher alone: its return normalises that reward."""
-    moral: MoralConfig = field(default_factory=MoralConfig)
-    """How MORAL trains and asks."""
+    moral: MoralConfig = field(default_factory=lambda: MoralConfig(steps=500_000))
+    """How MORAL trains and asks; not as long as `moral train`, at the price of half a goal step or so."""
 
     @property
     def hint(self) -> str:

@@ -63,7 +63,7 @@ html_show_sourcelink = False
 _DOCSTRING = re.compile(r"^<!-- docstring of ([\w.]+) -->$", re.MULTILINE)
 _WIDTH = 88
 """Columns that a page shows without scrolling."""
-_SHAPE = re.compile(r"\([^()]*\)")
+_SHAPE = re.compile(r"(?<!`)\([^()]*\)(?!`)")
 _HELP = re.compile(r"^<!-- help of moral (\w+) -->$", re.MULTILINE)
 
 

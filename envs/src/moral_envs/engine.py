@@ -637,7 +637,9 @@ def _require_agent_rewards(
         )
     for names in agent_rewards:
         if not _is_listing(names) or not names or any(name not in world.reward_names for name in names):
-            raise ValueError(f"agent_rewards has {names!r}; it must be some of {world.reward_names}")
+            raise ValueError(
+                f"agent_rewards has {names!r}; for each agent it must list some of {world.reward_names}"
+            )
         if len(set(names)) < len(names):
             raise ValueError(f"agent_rewards has {names!r}; it must name each component once")
     paid = [[name in names for name in world.reward_names] for names in agent_rewards]

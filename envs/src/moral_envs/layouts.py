@@ -487,4 +487,4 @@ HELD_OUT = tuple(_PLANS)
 """Names of the floor plans, to test on; no random layout ever draws one of them."""
 
 NAMES = (*_RANDOM, *HELD_OUT)
-"""Names that the ``layout`` argument of every world understands; ``"maze"`` has a pillar on every place."""
+"""Names that a ``layout`` argument understands; ``"maze"`` has a pillar on every place."""

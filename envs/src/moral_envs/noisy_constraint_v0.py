@@ -64,6 +64,7 @@ figure's are not in the text.
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -131,7 +132,8 @@ def success_probability(threshold: float, noise: float, costs: tuple[float, floa
         If the threshold is no number, the noise negative, or the costs are not two.
     """
     payoffs = Payoffs(costs=costs, noise=noise)
-    if math.isnan(threshold):
+    given: object = threshold
+    if not isinstance(given, numbers.Real) or math.isnan(given):
         raise ValueError(f"threshold is {threshold!r}; it must be a number")
     safe, unsafe = (_probability_within(threshold, cost, payoffs.noise) for cost in payoffs.costs)
     return safe * (1 - unsafe)

@@ -25,7 +25,7 @@ ACTION_NAMES = (
     "interact left",
     "interact right",
 )
-"""The actions of every world, in the order of their indices."""
+"""The actions of a grid, in the order of their indices; a world has all, or the first 4 or 5 of them."""
 
 NUM_ACTIONS = len(ACTION_NAMES)
 

@@ -24,7 +24,7 @@ from moral_algorithms.cli.console import Console, end_with_reader, uninterrupted
 __all__ = ["COMMANDS", "main"]
 
 COMMANDS = {
-    "demo": "from nothing to an aligned agent in Emergency, in about a minute and a half",
+    "demo": "from nothing to an aligned agent in Emergency, in a minute or two",
     "expert": "train an expert with PPO on known weights",
     "demonstrate": "record episodes of an expert",
     "airl": "learn a reward network from demonstrations",
